@@ -1,0 +1,1 @@
+"""Stage 3: calibration. Reads: Recording. Gives: CalibrationTable."""

@@ -1,0 +1,1 @@
+"""Stage 4: lens maps. Reads: CalibrationTable. Gives: LensMap."""

@@ -1,0 +1,1 @@
+"""Figures: every function takes an Axes and returns it; none shows anything."""

@@ -1,0 +1,1 @@
+"""Stage 2: a session. Reads: plan and Rig. Gives: Recording."""

@@ -1,0 +1,1 @@
+"""Requirements: one file each, all returning the same record."""
