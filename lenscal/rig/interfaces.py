@@ -86,7 +86,7 @@ class Device(ABC):
     def identity(self) -> str:
         """Maker, model and serial number, as one line."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - most devices hold nothing
         """Let go of the hardware; doing it twice is harmless."""
 
 
@@ -135,6 +135,31 @@ class CameraDevice(Device):
     @abstractmethod
     def sensor(self) -> Sensor:
         """The sensor and its frame buffer."""
+
+    @property
+    @abstractmethod
+    def exposure_s(self) -> float:
+        """Exposure time of the next frame in seconds."""
+
+    @property
+    @abstractmethod
+    def exposure_range_s(self) -> tuple[float, float]:
+        """Shortest and longest exposure time in seconds."""
+
+    @abstractmethod
+    def set_exposure_s(self, exposure_s: float) -> None:
+        """Set the exposure time.
+
+        Parameters
+        ----------
+        exposure_s
+            In seconds.
+
+        Raises
+        ------
+        OutOfRangeError
+            When it lies outside `exposure_range_s`; nothing has changed then.
+        """
 
     @abstractmethod
     def grab(self, window: Window | None = None) -> Frame:
