@@ -1,1 +1,85 @@
-"""lenscal."""
+"""Calibration of programmable zoom lenses.
+
+rig ──Frame──▶ session ──Recording──▶ calibration ──CalibrationTable──▶ maps ──LensMap──▶ planning
+
+The names below are the public face; each loads its module when it is first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lenscal.calibration.calibration import Calibration
+    from lenscal.calibration.refine import calibrate_views
+    from lenscal.calibration.sweep import calibrate_recording
+    from lenscal.calibration.table import CalibrationTable
+    from lenscal.calibration.tsai import calibrate_tsai
+    from lenscal.camera import Camera
+    from lenscal.detection import detect
+    from lenscal.maps.contours import SettingCurve
+    from lenscal.maps.fit import fit_lens_map
+    from lenscal.maps.lens_map import LensMap
+    from lenscal.plate import parse_target
+    from lenscal.pose import Pose
+    from lenscal.recording import FocusResult, Recording
+    from lenscal.sensor import Sensor
+    from lenscal.session.autofocus import autofocus
+    from lenscal.session.plan import SessionPlan
+    from lenscal.session.runner import run_session
+    from lenscal.setting import LensSetting
+
+_HOME = {
+    "Calibration": "lenscal.calibration.calibration",
+    "CalibrationTable": "lenscal.calibration.table",
+    "Camera": "lenscal.camera",
+    "FocusResult": "lenscal.recording",
+    "LensMap": "lenscal.maps.lens_map",
+    "LensSetting": "lenscal.setting",
+    "Pose": "lenscal.pose",
+    "Recording": "lenscal.recording",
+    "Sensor": "lenscal.sensor",
+    "SessionPlan": "lenscal.session.plan",
+    "SettingCurve": "lenscal.maps.contours",
+    "autofocus": "lenscal.session.autofocus",
+    "calibrate_recording": "lenscal.calibration.sweep",
+    "calibrate_tsai": "lenscal.calibration.tsai",
+    "calibrate_views": "lenscal.calibration.refine",
+    "detect": "lenscal.detection",
+    "fit_lens_map": "lenscal.maps.fit",
+    "parse_target": "lenscal.plate",
+    "run_session": "lenscal.session.runner",
+}
+
+__all__ = [
+    "Calibration",
+    "CalibrationTable",
+    "Camera",
+    "FocusResult",
+    "LensMap",
+    "LensSetting",
+    "Pose",
+    "Recording",
+    "Sensor",
+    "SessionPlan",
+    "SettingCurve",
+    "autofocus",
+    "calibrate_recording",
+    "calibrate_tsai",
+    "calibrate_views",
+    "detect",
+    "fit_lens_map",
+    "parse_target",
+    "run_session",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'lenscal' has no attribute {name!r}; it has {', '.join(__all__)}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -45,7 +45,7 @@ def frozen_array(
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"{name} must be an array of numbers of shape {_shown(shape)}; this was given: {value!r:.60}"
+            f"{name} must be an array of numbers of shape {_shown(shape)}; given is {value!r:.60}"
         ) from error
     if not _fits(array.shape, shape):
         raise InputError(

@@ -96,9 +96,8 @@ class Camera:
     @property
     def centre_px(self) -> FloatArray:
         """(2,) principal point in px, whether it was stated or not."""
-        if self.principal_point_px is None:  # pragma: no cover - set on construction
-            return self.sensor.centre_px
-        return self.principal_point_px
+        point = self.principal_point_px
+        return self.sensor.centre_px if point is None else point
 
     @property
     def image_distance_px(self) -> FloatArray:
@@ -116,11 +115,17 @@ class Camera:
     @property
     def radius_limit_mm(self) -> float:
         """Distorted radius up to which the radial polynomial rises, so that it can be inverted."""
-        slope = [(2 * i + 1) * c for i, c in enumerate((1.0, self.k1_per_mm2, *self.radial))]
-        roots = np.roots(slope[::-1]) if any(slope[1:]) else np.zeros(0)
-        real = roots[np.abs(roots.imag) < 1e-12 * np.maximum(1.0, np.abs(roots.real))].real
+        slope = np.array(
+            [(2 * i + 1) * c for i, c in enumerate((self.k1_per_mm2, *self.radial), 1)]
+        )
+        # In units of the sensor's diagonal, terms too small to matter drop out of the polynomial.
+        scale = np.hypot(self.sensor.width_mm, self.sensor.height_mm) ** 2
+        slope = np.concatenate([[1.0], slope * scale ** np.arange(1, len(slope) + 1)])
+        slope[np.abs(slope) < 1e-12] = 0.0
+        roots = np.roots(slope[::-1])
+        real = roots[np.abs(roots.imag) < 1e-12 * np.abs(roots)].real
         rising = real[real > 0]
-        return float(np.sqrt(rising.min())) if len(rising) else np.inf
+        return float(np.sqrt(scale * rising.min())) if len(rising) else np.inf
 
     def project(self, points_camera_mm: npt.ArrayLike) -> FloatArray:
         """Project points to pixels.
@@ -200,7 +205,7 @@ class Camera:
         distorted = self._distort_radially(ideal)
         if not any(self.decentring):
             return distorted
-        # Decentring is a small correction of the radial inverse: the iteration contracts by its size.
+        # Decentring is a small correction of the radial inverse: the iteration contracts.
         for _ in range(_NEWTON_STEPS):
             squared = (distorted**2).sum(axis=-1, keepdims=True)
             last = distorted
@@ -289,9 +294,10 @@ class Camera:
                 (float(parameters[terms]), float(parameters[terms + 1])),
             )
 
-        fit = least_squares(
-            lambda p: (camera(p).undistort(distorted) - ideal).ravel(), np.zeros(terms + 2)
-        )
+        def misfit(parameters: FloatArray) -> FloatArray:
+            return (camera(parameters).undistort(distorted) - ideal).ravel()
+
+        fit = least_squares(misfit, np.zeros(terms + 2))
         return camera(fit.x)
 
     def _gain(self, squared: FloatArray) -> FloatArray:

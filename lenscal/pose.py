@@ -104,7 +104,7 @@ class Pose:
             The transform.
         """
         vector = frozen_array("rotation_vector", rotation_vector, (3,))
-        return cls(Rotation.from_rotvec(vector).as_matrix(), np.asarray(translation_mm))
+        return cls(Rotation.from_rotvec(vector.copy()).as_matrix(), np.asarray(translation_mm))
 
     @property
     def matrix(self) -> FloatArray:

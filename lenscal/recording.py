@@ -1,4 +1,4 @@
-"""What a session leaves: settings visited, where the robot stood, what was seen. Stages 2 and 3 meet here.
+"""What a session leaves: settings visited, where the robot stood, what was seen.
 
 On disk a recording is a folder. Its ``journal.jsonl`` holds one entry a line, each with a checksum
 and a running number: first the head (plan, identities, frames), then one entry per finished
@@ -8,9 +8,7 @@ there; one that was altered is refused.
 
 from __future__ import annotations
 
-import json
-import zlib
-from collections.abc import Iterator
+import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -18,12 +16,14 @@ from typing import Any, Final
 import numpy as np
 
 from lenscal.arrays import FloatArray, IntArray, frozen_array
-from lenscal.document import Json, reason, write_whole
+from lenscal.document import Json, write_whole
 from lenscal.errors import FileError, InputError
+from lenscal.journal import journal_line, read_journal
+from lenscal.plate import parse_target
 from lenscal.pose import Pose
 from lenscal.sensor import Sensor
 from lenscal.setting import ApproachSide, LensSetting
-from lenscal.target import Target, parse_target
+from lenscal.target import Target
 
 JOURNAL: Final = "journal.jsonl"
 VERSION: Final = 1
@@ -59,8 +59,8 @@ class Observation:
         pixels = frozen_array("pixels", self.pixels, ("N", 2))
         if not len(ids) == len(points) == len(pixels):
             raise InputError(
-                f"an observation needs one id, one point and one pixel each, but has {len(ids)} ids, "
-                f"{len(points)} points and {len(pixels)} pixels"
+                f"an observation needs one id, one point and one pixel each, but has {len(ids)} "
+                f"ids, {len(points)} points and {len(pixels)} pixels"
             )
         for name, value in {"ids": ids, "points_mm": points, "pixels": pixels}.items():
             object.__setattr__(self, name, value)
@@ -90,12 +90,12 @@ class Observation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FocusRecord:
-    """How the sharpest distance of a setting was found.
+class FocusResult:
+    """The sharpest distance of a setting, and how it was found.
 
     Parameters
     ----------
-    standoff_mm
+    distance_mm
         The sharpest standoff: reference projection centre to target plane, along the axis.
     sigma_mm
         Its standard deviation.
@@ -109,13 +109,18 @@ class FocusRecord:
         What was out of the ordinary, in words.
     """
 
-    standoff_mm: float
+    distance_mm: float
     sigma_mm: float
     confidence: float
     iris: float | None
     curve_standoff_mm: FloatArray
     curve_sharpness: FloatArray
     notes: tuple[str, ...] = ()
+
+    @property
+    def curve(self) -> FloatArray:
+        """(N, 2) the focus curve: standoff in mm and sharpness."""
+        return np.stack([self.curve_standoff_mm, self.curve_sharpness], axis=-1)
 
     def __post_init__(self) -> None:
         for name in ("curve_standoff_mm", "curve_sharpness"):
@@ -167,15 +172,15 @@ class SettingRecord:
     setting: LensSetting
     views: tuple[View, ...]
     focus_view: int | None = 0
-    focus: FocusRecord | None = None
+    focus: FocusResult | None = None
     approach: ApproachSide = ApproachSide.FROM_BELOW
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.focus_view is not None and not 0 <= self.focus_view < len(self.views):
             raise InputError(
-                f"focus_view {self.focus_view} is not among the {len(self.views)} views of the setting "
-                f"({self.setting})"
+                f"focus_view {self.focus_view} is not among the {len(self.views)} views of "
+                f"the setting ({self.setting})"
             )
 
 
@@ -257,11 +262,12 @@ class Recording:
         version = entries[0].get("version")
         if not isinstance(version, int) or version > VERSION:
             raise FileError(
-                f"{folder} was recorded by a newer version (form {version}; this lenscal reads up to "
-                f"{VERSION}): install a newer one"
+                f"{folder} was recorded by a newer version (form {version}; this lenscal reads up "
+                f"to {VERSION}): install a newer one"
             )
-        settings = tuple(setting_from_json(e) for e in entries[1:] if e.get("entry") == "setting")
-        return cls(head_from_json(entries[0]), settings, folder)
+        head = head_from_json(entries[0])
+        settings = [e for e in entries[1:] if e.get("entry") == "setting"]
+        return cls(head, tuple(setting_from_json(e, head.target) for e in settings), folder)
 
     def save(self, path: Path | str) -> Path:
         """Write the journal of this recording; frames are not copied.
@@ -289,61 +295,6 @@ class Recording:
         return Path(path)
 
 
-def journal_line(number: int, entry: Json) -> str:
-    """Seal one entry of a journal.
-
-    Parameters
-    ----------
-    number
-        Its running number from 0.
-    entry
-        What JSON can hold.
-
-    Returns
-    -------
-    str
-        One line: checksum, number and entry.
-    """
-    text = json.dumps({"number": number, **entry}, allow_nan=False, separators=(",", ":"))
-    return f"{zlib.crc32(text.encode()):08x} {text}\n"
-
-
-def read_journal(path: Path) -> Iterator[Json]:
-    """Read a journal entry by entry; a last line that a crash has torn is left out.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Yields
-    ------
-    dict
-        One entry.
-
-    Raises
-    ------
-    FileError
-        When the file cannot be read, or a line before the last one is not as it was written.
-    """
-    try:
-        lines = path.read_bytes().split(b"\n")
-    except OSError as error:
-        raise FileError(
-            f"cannot read {path}: {reason(error)}; give the folder that a session was recorded to"
-        ) from error
-    # A whole journal ends with a line end, so that the last piece is empty; a torn one is dropped.
-    for number, line in enumerate(lines[:-1]):
-        checksum, _, text = line.partition(b" ")
-        entry = json.loads(text) if checksum == b"%08x" % zlib.crc32(text) else None
-        if not isinstance(entry, dict) or entry.get("number") != number:
-            raise FileError(
-                f"{path} was altered: line {number + 1} is not as it was written; "
-                "restore it from a copy"
-            )
-        yield entry
-
-
 def head_to_json(head: Head) -> Json:
     """Turn a head into a journal entry.
 
@@ -357,15 +308,14 @@ def head_to_json(head: Head) -> Json:
     dict
         What JSON can hold.
     """
-    sensor = head.sensor
     return {
         "entry": "head",
         "version": VERSION,
-        "sensor": sensor_to_json(sensor),
+        "sensor": dataclasses.asdict(head.sensor),
         "target": head.target.spec,
-        "reference_setting": _optional(head.reference_setting, setting_values),
-        "hand_from_camera": _optional(head.hand_from_camera, pose_to_json),
-        "base_from_target": _optional(head.base_from_target, pose_to_json),
+        "reference_setting": _optional(head.reference_setting, dataclasses.astuple),
+        "hand_from_camera": _optional(head.hand_from_camera, _matrix),
+        "base_from_target": _optional(head.base_from_target, _matrix),
         "identity": head.identity,
         "plan": head.plan,
     }
@@ -411,13 +361,13 @@ def setting_to_json(record: SettingRecord) -> Json:
     focus = record.focus
     return {
         "entry": "setting",
-        "setting": setting_values(record.setting),
+        "setting": dataclasses.astuple(record.setting),
         "approach": record.approach.value,
         "focus_view": record.focus_view,
         "notes": list(record.notes),
         "focus": focus
         and {
-            "standoff_mm": focus.standoff_mm,
+            "distance_mm": focus.distance_mm,
             "sigma_mm": focus.sigma_mm,
             "confidence": focus.confidence,
             "iris": focus.iris,
@@ -429,8 +379,7 @@ def setting_to_json(record: SettingRecord) -> Json:
             {
                 "ids": view.observation.ids.tolist(),
                 "pixels": view.observation.pixels.tolist(),
-                "points_mm": view.observation.points_mm.tolist(),
-                "base_from_hand": _optional(view.base_from_hand, pose_to_json),
+                "base_from_hand": _optional(view.base_from_hand, _matrix),
                 "iris": view.iris,
                 "frame": view.frame,
             }
@@ -439,13 +388,15 @@ def setting_to_json(record: SettingRecord) -> Json:
     }
 
 
-def setting_from_json(entry: Json) -> SettingRecord:
+def setting_from_json(entry: Json, target: Target) -> SettingRecord:
     """Read the record of one setting from its journal entry.
 
     Parameters
     ----------
     entry
         The entry.
+    target
+        The target that its points belong to.
 
     Returns
     -------
@@ -454,7 +405,7 @@ def setting_from_json(entry: Json) -> SettingRecord:
     """
     views = tuple(
         View(
-            Observation(view["ids"], _rows(view["points_mm"], 3), _rows(view["pixels"], 2)),
+            Observation.of(target, view["ids"], np.reshape(view["pixels"], (-1, 2))),
             _optional(view["base_from_hand"], Pose.from_matrix),
             view["iris"],
             view["frame"],
@@ -466,69 +417,15 @@ def setting_from_json(entry: Json) -> SettingRecord:
         setting=LensSetting(*entry["setting"]),
         views=views,
         focus_view=entry["focus_view"],
-        focus=focus and FocusRecord(**{**focus, "notes": tuple(focus["notes"])}),
+        focus=focus and FocusResult(**{**focus, "notes": tuple(focus["notes"])}),
         approach=ApproachSide(entry["approach"]),
         notes=tuple(entry["notes"]),
     )
 
 
-def sensor_to_json(sensor: Sensor) -> Json:
-    """Turn a sensor into what JSON can hold.
-
-    Parameters
-    ----------
-    sensor
-        The sensor.
-
-    Returns
-    -------
-    dict
-        Its constructor's arguments.
-    """
-    return {
-        "width_px": sensor.width_px,
-        "height_px": sensor.height_px,
-        "pitch_x_mm": sensor.pitch_x_mm,
-        "pitch_y_mm": sensor.pitch_y_mm,
-        "scale_factor": sensor.scale_factor,
-    }
-
-
-def setting_values(setting: LensSetting) -> list[float | None]:
-    """Turn a setting into what JSON can hold.
-
-    Parameters
-    ----------
-    setting
-        The setting.
-
-    Returns
-    -------
-    list
-        Zoom, focus, iris.
-    """
-    return [setting.zoom, setting.focus, setting.iris]
-
-
-def pose_to_json(pose: Pose) -> list[list[float]]:
-    """Turn a pose into what JSON can hold.
-
-    Parameters
-    ----------
-    pose
-        The pose.
-
-    Returns
-    -------
-    list
-        Rows of its (4, 4) matrix.
-    """
+def _matrix(pose: Pose) -> list[list[float]]:
     rows: list[list[float]] = pose.matrix.tolist()
     return rows
-
-
-def _rows(values: list[list[float]], width: int) -> FloatArray:
-    return np.array(values, dtype=np.float64).reshape(-1, width)
 
 
 def _optional(value: Any, convert: Any) -> Any:

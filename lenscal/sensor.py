@@ -129,8 +129,25 @@ class Sensor:
         """
         points = frozen_array("pixels", pixels, ("...", 2), finite=False)
         low, high = margin_px - 0.5, np.array([self.width_px, self.height_px]) - 0.5 - margin_px
-        inside: BoolArray = ((points >= low) & (points <= high)).all(axis=-1)
-        return inside
+        return np.asarray(((points >= low) & (points <= high)).all(axis=-1))
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A part of the image, in whole pixels.
+
+    Parameters
+    ----------
+    left, top
+        Its first column and row.
+    width, height
+        Its size in px.
+    """
+
+    left: int
+    top: int
+    width: int
+    height: int
 
 
 def _known(axis: str) -> str:

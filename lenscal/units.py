@@ -52,7 +52,8 @@ def parse_length_mm(text: str) -> float:
     number, unit = match.groups()
     if not unit:
         raise UnitError(
-            f"the length {text!r} has no unit; write one of {', '.join(MM_PER_UNIT)}, such as '{number} mm'"
+            f"the length {text!r} has no unit; write one of {', '.join(MM_PER_UNIT)} behind it, "
+            f"such as '{number} mm'"
         )
     return float(number) * unit_in_mm(unit)
 
