@@ -14,28 +14,11 @@ import numpy.typing as npt
 
 from lenscal.pose import Pose
 from lenscal.sensor import Sensor
+from lenscal.sensor import Window as Window
 from lenscal.setting import ApproachSide, LensSetting, LensTravel
 from lenscal.target import Target
 
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-
-
-@dataclass(frozen=True, slots=True)
-class Window:
-    """A part of the image, in whole pixels.
-
-    Parameters
-    ----------
-    left, top
-        Its first column and row.
-    width, height
-        Its size in px.
-    """
-
-    left: int
-    top: int
-    width: int
-    height: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)

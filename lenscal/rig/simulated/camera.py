@@ -1,0 +1,147 @@
+"""The simulated camera: it renders what the world puts before the lens."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from lenscal.errors import DeviceError, OutOfRangeError
+from lenscal.imaging.detector import Detector
+from lenscal.imaging.formation import render, window_inside
+from lenscal.pose import Pose
+from lenscal.rig.interfaces import CameraDevice, Frame
+from lenscal.rig.simulated.world import World
+from lenscal.sensor import Sensor, Window
+
+#: Time to read a frame out.
+_READOUT_S: Final = 0.02
+
+
+class SimulatedCamera(CameraDevice):
+    """A camera with shot noise, read noise and a black level.
+
+    Parameters
+    ----------
+    world
+        The world that it looks at.
+    detector
+        Its pixels.
+    exposure_s
+        Exposure time to begin with.
+    exposure_range_s
+        Shortest and longest exposure time.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        detector: Detector,
+        exposure_s: float = 0.01,
+        exposure_range_s: tuple[float, float] = (1e-5, 2.0),
+    ) -> None:
+        self._world = world
+        self._detector = detector
+        self._exposure_range_s = exposure_range_s
+        self._exposure_s = exposure_s
+        self.set_exposure_s(exposure_s)
+
+    @property
+    def identity(self) -> str:
+        """Size and bit depth."""
+        sensor = self.sensor
+        return (
+            f"simulated camera, {sensor.width_px} × {sensor.height_px} px, "
+            f"{self._detector.bit_depth} bit"
+        )
+
+    @property
+    def sensor(self) -> Sensor:
+        """The sensor and its frame buffer."""
+        return self._world.lens.sensor
+
+    @property
+    def exposure_s(self) -> float:
+        """Exposure time of the next frame in seconds."""
+        return self._exposure_s
+
+    @property
+    def exposure_range_s(self) -> tuple[float, float]:
+        """Shortest and longest exposure time in seconds."""
+        return self._exposure_range_s
+
+    def set_exposure_s(self, exposure_s: float) -> None:
+        """Set the exposure time.
+
+        Parameters
+        ----------
+        exposure_s
+            In seconds.
+
+        Raises
+        ------
+        OutOfRangeError
+            When it lies outside `exposure_range_s`; nothing has changed then.
+        """
+        shortest, longest = self._exposure_range_s
+        if not shortest <= exposure_s <= longest:
+            raise OutOfRangeError(
+                f"an exposure of {exposure_s:g} s lies outside {shortest:g} to {longest:g} s, "
+                "which this camera can do",
+                exposure_s,
+                self._exposure_range_s,
+            )
+        self._exposure_s = exposure_s
+
+    def grab(self, window: Window | None = None) -> Frame:
+        """Expose and read one frame.
+
+        Parameters
+        ----------
+        window
+            The part of the image wanted, or None for all of it.
+
+        Returns
+        -------
+        Frame
+            The picture.
+
+        Raises
+        ------
+        DeviceError
+            When the plate is where the lens is.
+        InputError
+            When the window leaves the frame.
+        """
+        world, truth = self._world, self._world.lens_truth()
+        view = window_inside(window, self.sensor)
+        camera_from_target = world.camera_from_target()
+        self._refuse_collision(camera_from_target, truth.front_depth_mm)
+        irradiance = render(
+            truth.camera,
+            camera_from_target,
+            world.surface,
+            object_distance_mm=truth.object_distance_mm,
+            entrance_pupil_diameter_mm=truth.entrance_pupil_diameter_mm,
+            window=view,
+        )
+        electrons = self._detector.electrons(irradiance, self._exposure_s, truth.f_number)
+        image = self._detector.read(electrons, world.rng)
+        began_s = world.clock_s
+        world.advance(self._exposure_s + _READOUT_S)
+        return Frame(image, self._detector.bit_depth, began_s, view)
+
+    def _refuse_collision(self, camera_from_target: Pose, front_depth_mm: float) -> None:
+        """Refuse a plate that the axis meets between the projection centre and the front glass."""
+        normal = camera_from_target.rotation[:, 2]
+        centre = camera_from_target.translation_mm
+        if not normal[2]:
+            return
+        depth_mm = float(normal @ centre / normal[2])
+        met = camera_from_target.inverse().transform([0.0, 0.0, depth_mm])
+        on_plate = (np.abs(met[:2]) <= np.array(self._world.surface.target.size_mm) / 2).all()
+        if on_plate and 0 < depth_mm < front_depth_mm:
+            raise DeviceError(
+                f"the plate lies {front_depth_mm - depth_mm:.0f} mm behind the front of the lens: "
+                "lens and plate have collided; move the camera away"
+            )

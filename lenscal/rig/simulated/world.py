@@ -1,0 +1,114 @@
+"""The world that lens, camera and positioner share: where everything truly is, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lenscal.imaging.texture import TargetSurface
+from lenscal.pose import Pose
+from lenscal.rig.simulated.zoom_lens import LensTruth, ZoomLens
+from lenscal.setting import LensSetting
+
+
+@dataclass(frozen=True, slots=True)
+class PoseNoise:
+    """How far a pose scatters.
+
+    Parameters
+    ----------
+    translation_mm
+        Standard deviation of each coordinate.
+    rotation_rad
+        Standard deviation of the rotation about each axis.
+    """
+
+    translation_mm: float
+    rotation_rad: float
+
+    def draw(self, rng: np.random.Generator) -> Pose:
+        """Draw a small motion.
+
+        Parameters
+        ----------
+        rng
+            Source of randomness.
+
+        Returns
+        -------
+        Pose
+            To be put to the right of a pose: an error in its own frame.
+        """
+        translation = self.translation_mm * rng.standard_normal(3)
+        return Pose.from_rotation_vector(self.rotation_rad * rng.standard_normal(3), translation)
+
+
+@dataclass(slots=True, eq=False)
+class World:
+    """The state of a simulated rig and its hidden truth.
+
+    Parameters
+    ----------
+    lens
+        Description of the lens on its camera.
+    surface
+        The target as light meets it.
+    hand_from_camera
+        True place of the camera at the reference setting in the hand.
+    base_from_target
+        True place of the target.
+    base_from_hand
+        True place of the hand now.
+    setting
+        Where the motors of the lens stand now, iris included.
+    rng
+        Source of all randomness.
+    clock_s
+        Seconds since the rig was switched on. Moving and exposing advance it; nothing sleeps.
+    """
+
+    lens: ZoomLens
+    surface: TargetSurface
+    hand_from_camera: Pose
+    base_from_target: Pose
+    base_from_hand: Pose
+    setting: LensSetting
+    rng: np.random.Generator
+    clock_s: float = 0.0
+
+    def advance(self, duration_s: float) -> None:
+        """Let time pass.
+
+        Parameters
+        ----------
+        duration_s
+            How much.
+        """
+        self.clock_s += duration_s
+
+    def lens_truth(self) -> LensTruth:
+        """Compute the truth about the lens as it stands.
+
+        Returns
+        -------
+        LensTruth
+            The truth.
+        """
+        return self.lens.truth(self.setting)
+
+    def camera_from_target(self) -> Pose:
+        """Tell where the target is as the lens stands.
+
+        The projection centre of a setting lies its nodal offset behind that of the reference
+        setting, for which the place of the camera in the hand is given.
+
+        Returns
+        -------
+        Pose
+            The truth.
+        """
+        offset_mm = self.lens_truth().nodal_offset_mm
+        reference_from_camera = Pose(np.eye(3), np.array([0.0, 0.0, -offset_mm]))
+        base_from_camera = self.base_from_hand @ self.hand_from_camera @ reference_from_camera
+        return base_from_camera.inverse() @ self.base_from_target
