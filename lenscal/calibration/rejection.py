@@ -1,0 +1,229 @@
+"""Which corners and views to believe: a robust fit first, then least squares on what agrees.
+
+Corners are judged by the length of their residual, which for Gaussian noise of σ per coordinate
+exceeds kσ with probability exp(−k²/2). The limit k is set so that a clean set of its size loses a
+corner once in twenty calibrations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from lenscal.arrays import BoolArray, FloatArray
+from lenscal.calibration.bundle import fit, residuals
+from lenscal.calibration.views import State, Views
+
+#: How often a clean calibration may lose a good corner.
+_FALSE_ALARMS: Final = 0.05
+#: Rounds of reweighting, each of a few steps, that lead from first values to the robust fit.
+_ROBUST_ROUNDS, _STEPS_A_ROUND = 12, 2
+#: Relative change of the noise at which the robust fit has done its work.
+_STEADY: Final = 0.01
+#: Width of the Cauchy weight in σ: it keeps 95 % of the efficiency of least squares.
+_CAUCHY: Final = 2.4
+#: Rounds in which corners may leave and come back.
+_HARD_ROUNDS: Final = 20
+#: Median length of a two-dimensional Gaussian residual, in σ.
+_MEDIAN_LENGTH: Final = float(np.sqrt(2 * np.log(2)))
+#: A view is dropped when fewer than this share of its corners is believed …
+_LEAST_SHARE: Final = 0.5
+#: … or when its typical residual exceeds that of the other views by this factor.
+_VIEW_FACTOR: Final = 3.0
+#: Residuals that are rounding, not disagreement, in px.
+_ROUNDING_PX: Final = 1e-6
+#: Fewest corners that a view may keep.
+_LEAST_CORNERS: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Rejection:
+    """One corner, or one whole view, that was not believed.
+
+    Parameters
+    ----------
+    view
+        Index of the view.
+    point
+        Index of the point within the view, or None for all of it.
+    residual_px
+        Distance from where the camera expects the point; rms of a whole view; NaN when no camera
+        could be asked.
+    reason
+        Why, in words.
+    """
+
+    view: int
+    point: int | None
+    residual_px: float
+    reason: str
+
+
+class Selection(NamedTuple):
+    """What a robust fit believes.
+
+    Parameters
+    ----------
+    state
+        The parameters fitted to it.
+    inliers
+        (V, M) which observations were used.
+    rejections
+        What was not, one by one.
+    settled
+        Whether the last fit converged.
+    """
+
+    state: State
+    inliers: BoolArray
+    rejections: tuple[Rejection, ...]
+    settled: bool
+
+
+def fit_robustly(views: Views, start: State, free: BoolArray) -> Selection:
+    """Fit all parameters to the observations that agree with one another.
+
+    Parameters
+    ----------
+    views
+        The observations.
+    start
+        First parameters.
+    free
+        (K,) which intrinsics may move.
+
+    Returns
+    -------
+    Selection
+        Parameters, and what was believed.
+    """
+    state, lengths = _robust_state(views, start, free)
+    usable = np.ones(len(views.present), dtype=bool)
+    inliers, reasons = views.present, dict[int, str]()
+    noise = _robust_noise(lengths, inliers, free)
+    for _ in range(_HARD_ROUNDS):
+        updated = (lengths <= _limits(noise, inliers, free)) & views.present & usable[:, None]
+        bad = _bad_views(lengths, updated, views.present, usable)
+        reasons |= bad
+        usable[list(bad)] = False
+        updated &= usable[:, None]
+        unchanged = bool((updated == inliers).all())
+        inliers = updated
+        state, missed, _, settled = fit(views, state, free, inliers.astype(float))
+        lengths = _lengths(missed)
+        if unchanged:
+            break
+        noise = _noise(lengths, inliers, free)
+    limits = _limits(noise, inliers, free)
+    return Selection(
+        state, inliers, _report(lengths, limits, inliers, views.present, reasons), settled
+    )
+
+
+def _robust_state(views: Views, start: State, free: BoolArray) -> tuple[State, FloatArray]:
+    """Iteratively reweighted least squares with Cauchy's weight, whose scale follows the fit."""
+    state, lengths, last = start, _lengths(residuals(views, start)), np.inf
+    for _ in range(_ROBUST_ROUNDS):
+        noise = max(_robust_noise(lengths, views.present, free), np.finfo(float).tiny)
+        if abs(noise - last) < _STEADY * noise:
+            break
+        last = noise
+        with np.errstate(over="ignore"):
+            weights = np.where(views.present, 1 / (1 + (lengths / (_CAUCHY * noise)) ** 2), 0.0)
+        state, missed, _, _ = fit(views, state, free, weights, steps=_STEPS_A_ROUND)
+        lengths = _lengths(missed)
+    return state, lengths
+
+
+def _robust_noise(lengths: FloatArray, used: BoolArray, free: BoolArray) -> float:
+    """σ of one coordinate in px, from residuals of which a minority may be nonsense."""
+    share = _followed(used, free)
+    return float(np.median(lengths[used]) / (_MEDIAN_LENGTH * np.sqrt(1 - share)))
+
+
+def _noise(lengths: FloatArray, used: BoolArray, free: BoolArray) -> float:
+    """σ of one coordinate in px, from residuals that are all believed."""
+    return float(np.sqrt((lengths[used] ** 2).mean() / (2 * (1 - _followed(used, free)))))
+
+
+def _followed(used: BoolArray, free: BoolArray) -> float:
+    """Share of the noise that the fitted parameters follow, so that residuals do not show it."""
+    observed = 2 * int(used.sum())
+    fitted = int(free.sum()) + 6 * int(used.any(axis=1).sum())
+    return min(fitted / max(observed, 1), 0.9)
+
+
+def _limits(noise_px: float, used: BoolArray, free: BoolArray) -> FloatArray:
+    """(V, M) longest residuals to be believed; corners that were not fitted miss by more."""
+    share = _followed(used, free)
+    k = np.sqrt(2 * np.log(max(int(used.sum()), 1) / _FALSE_ALARMS))
+    # Data without noise keep all their corners: rounding is no reason to reject.
+    longest = max(k * noise_px, _ROUNDING_PX)
+    limits: FloatArray = longest * np.where(used, np.sqrt(1 - share), np.sqrt(1 + share))
+    return limits
+
+
+def _bad_views(
+    lengths: FloatArray, inliers: BoolArray, present: BoolArray, usable: BoolArray
+) -> dict[int, str]:
+    """Name the views to be dropped, and why."""
+    kept, had = inliers.sum(axis=1), present.sum(axis=1)
+    typical = np.array(
+        [
+            np.median(row[seen]) if seen.any() else np.inf
+            for row, seen in zip(lengths, present, strict=True)
+        ]
+    )
+    bad: dict[int, str] = {}
+    for view in np.flatnonzero(usable):
+        others = typical[usable & (np.arange(len(usable)) != view)]
+        if kept[view] < max(_LEAST_CORNERS, _LEAST_SHARE * had[view]):
+            bad[int(view)] = (
+                f"only {kept[view]} of its {had[view]} corners agree with the other views"
+            )
+        elif len(others) > 1 and typical[view] > _VIEW_FACTOR * max(
+            np.median(others), _ROUNDING_PX
+        ):
+            bad[int(view)] = (
+                f"its typical residual of {typical[view]:.2f} px is "
+                f"{typical[view] / np.median(others):.1f} times that of the other views"
+            )
+    # One at a time: a bad view makes its neighbours look bad.
+    worst = max(bad, key=lambda view: typical[view], default=None)
+    return {} if worst is None else {worst: bad[worst]}
+
+
+def _lengths(missed: FloatArray) -> FloatArray:
+    """(V, M) distance of prediction and observation in px; infinite without a prediction."""
+    lengths = np.linalg.norm(missed, axis=-1)
+    return np.where(np.isnan(lengths), np.inf, lengths)
+
+
+def _report(
+    lengths: FloatArray,
+    limits: FloatArray,
+    inliers: BoolArray,
+    present: BoolArray,
+    reasons: dict[int, str],
+) -> tuple[Rejection, ...]:
+    whole = [
+        Rejection(view, None, float(np.sqrt(np.mean(lengths[view, present[view]] ** 2))), reason)
+        for view, reason in reasons.items()
+    ]
+    lost = present & ~inliers
+    lost[list(reasons)] = False
+    single = [
+        Rejection(
+            int(view),
+            int(point),
+            float(lengths[view, point]),
+            f"{lengths[view, point]:.2f} px from where the other corners put it (limit "
+            f"{limits[view, point]:.2f} px)",
+        )
+        for view, point in np.argwhere(lost)
+    ]
+    return tuple(
+        sorted([*whole, *single], key=lambda r: (r.view, -1 if r.point is None else r.point))
+    )
