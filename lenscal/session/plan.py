@@ -1,0 +1,159 @@
+"""A session as data: what is visited and seen, frozen and countable before a motor moves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Final
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from lenscal.handwritten import Handwritten, PositiveLengthMm, load_toml
+from lenscal.pose import Pose
+from lenscal.setting import ApproachSide, LensSetting
+
+#: Beyond this tilt a printed target is seen too obliquely to be found.
+_STEEPEST_TILT_DEG: Final = 60.0
+
+
+class AutofocusPlan(Handwritten):
+    """Where and how finely to look for the sharpest standoff.
+
+    Parameters
+    ----------
+    nearest, farthest
+        Ends of the search, as standoff of the reference projection centre, with unit.
+    step
+        Distance between pictures of the coarse search, with unit.
+    iris
+        Iris to focus at: wide open, so that the peak is narrow.
+    """
+
+    nearest: PositiveLengthMm
+    farthest: PositiveLengthMm
+    step: PositiveLengthMm
+    iris: float
+
+    @model_validator(mode="after")
+    def _in_order(self) -> AutofocusPlan:
+        if self.farthest - self.nearest < 4 * self.step:
+            raise ValueError(
+                f"the search from {self.nearest:g} to {self.farthest:g} mm needs at least four "
+                f"steps, but one is {self.step:g} mm"
+            )
+        return self
+
+    def standoffs_mm(self) -> list[float]:
+        """List the standoffs of the coarse search.
+
+        Returns
+        -------
+        list of float
+            From the nearest to the farthest in mm, both visited, evenly spaced by at most a step.
+        """
+        count = int(np.ceil((self.farthest - self.nearest) / self.step)) + 1
+        return [float(s) for s in np.linspace(self.nearest, self.farthest, count)]
+
+
+class ViewsPlan(Handwritten):
+    """The pictures that each setting is calibrated from.
+
+    Parameters
+    ----------
+    tilted
+        How many tilted views, besides the untilted focus view.
+    tilt_deg
+        Their angle from the target's normal.
+    first_azimuth_deg
+        Direction of the first tilt axis in the image plane; the others are spread evenly.
+    iris
+        Iris to take them at: stopped down, for depth of field.
+    """
+
+    tilted: Annotated[int, Field(ge=2)] = 5
+    tilt_deg: Annotated[float, Field(gt=0, le=_STEEPEST_TILT_DEG)] = 25.0
+    first_azimuth_deg: float = 20.0
+    iris: float
+
+    def tilts(self) -> list[Pose]:
+        """List the turns of the camera about the point that it looks at.
+
+        Returns
+        -------
+        list of Pose
+            The identity first, for the focus view; then one rotation per tilted view, each about an
+            axis perpendicular to the optical axis.
+        """
+        azimuths = np.deg2rad(self.first_azimuth_deg) + 2 * np.pi / self.tilted * np.arange(
+            self.tilted
+        )
+        tilt = np.deg2rad(self.tilt_deg)
+        axes = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(self.tilted)], axis=-1)
+        return [Pose.identity(), *(Pose.from_rotation_vector(tilt * axis) for axis in axes)]
+
+
+class SessionPlan(Handwritten):
+    """All that a session will do; a file that people write, as TOML.
+
+    Parameters
+    ----------
+    zoom, focus
+        Settings to visit: every zoom with every focus.
+    autofocus
+        How to find the sharpest standoff.
+    views
+        The pictures of each setting.
+    approach
+        Side from which every motor ends its move.
+    keep_frames
+        Whether pictures are kept as PNG.
+    """
+
+    zoom: Annotated[tuple[float, ...], Field(min_length=1)]
+    focus: Annotated[tuple[float, ...], Field(min_length=1)]
+    autofocus: AutofocusPlan
+    views: ViewsPlan
+    approach: ApproachSide = ApproachSide.FROM_BELOW
+    keep_frames: bool = True
+
+    @model_validator(mode="after")
+    def _no_repeats(self) -> SessionPlan:
+        for name in ("zoom", "focus"):
+            values = getattr(self, name)
+            if len(set(values)) < len(values):
+                listed = ", ".join(f"{v:g}" for v in values)
+                raise ValueError(f"{name} names a setting twice: {listed}")
+        return self
+
+    def settings(self) -> list[LensSetting]:
+        """List the settings in the order of the visit.
+
+        Returns
+        -------
+        list of LensSetting
+            Zoom by zoom, focus running fastest; the iris is left open.
+        """
+        return [LensSetting(zoom, focus) for zoom in self.zoom for focus in self.focus]
+
+    @classmethod
+    def load(cls, path: Path | str) -> SessionPlan:
+        """Read a plan that somebody wrote.
+
+        Parameters
+        ----------
+        path
+            A TOML file.
+
+        Returns
+        -------
+        SessionPlan
+            The plan.
+
+        Raises
+        ------
+        FileError
+            When the file cannot be read or is no TOML.
+        InputError
+            When a key is unknown or missing, or a value cannot be used.
+        """
+        return load_toml(path, cls, "plan")

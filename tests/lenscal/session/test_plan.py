@@ -1,0 +1,87 @@
+import numpy as np
+import pytest
+
+from lenscal.errors import FileError, InputError
+from lenscal.session.plan import SessionPlan
+
+TEXT = """
+zoom = [90, 98.5]
+focus = [60, 100, 140]
+
+[autofocus]
+nearest = "362 mm"
+farthest = "38.6 cm"
+step = "1.5 mm"
+iris = 100
+
+[views]
+tilted = 4
+tilt_deg = 25
+iris = 20
+"""
+
+
+def load(tmp_path, text):
+    (tmp_path / "plan.toml").write_text(text)
+    return SessionPlan.load(tmp_path / "plan.toml")
+
+
+@pytest.fixture
+def plan(tmp_path):
+    return load(tmp_path, TEXT)
+
+
+def test_every_zoom_meets_every_focus(plan):
+    settings = plan.settings()
+    assert len(settings) == 6
+    assert [s.focus for s in settings[:3]] == [60, 100, 140]
+
+
+def test_the_sweep_visits_both_ends_in_steps_no_longer_than_asked(plan):
+    standoffs = plan.autofocus.standoffs_mm()
+    assert (standoffs[0], standoffs[-1]) == (362.0, 386.0)
+    assert 0 < np.diff(standoffs).min() <= np.diff(standoffs).max() <= 1.5 + 1e-9
+
+
+def test_the_first_view_is_untilted_and_the_others_tilt_about_axes_across_the_optical_axis(plan):
+    first, *tilted = plan.views.tilts()
+    assert np.array_equal(first.rotation, np.eye(3))
+    vectors = np.array([t.rotation_vector for t in tilted])
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), np.deg2rad(25))
+    np.testing.assert_allclose(vectors[:, 2], 0, atol=1e-12)
+    np.testing.assert_allclose(vectors.sum(axis=0), 0, atol=1e-12)
+
+
+def test_a_plan_round_trips_through_what_a_recording_keeps_of_it(plan):
+    kept = plan.model_dump(mode="json")
+    assert kept["autofocus"]["nearest"] == "362.0 mm"
+    assert SessionPlan.model_validate(kept) == plan
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"362 mm"', "362", "autofocus.nearest: .*a length needs its unit, such as '362 mm'"),
+        ('"362 mm"', '"362"', "the length '362' has no unit"),
+        ('"362 mm"', '"385 mm"', "needs at least four .*steps, but one is 1.5 mm"),
+        ("tilted = 4", "tiltted = 4", "views.tiltted: Extra inputs are not permitted"),
+        (
+            "tilt_deg = 25",
+            "tilt_deg = 80",
+            "views.tilt_deg: Input should be less than or equal to 60",
+        ),
+        ("zoom = [90, 98.5]", "zoom = []", "zoom: Tuple should have at least 1 item"),
+        ("zoom = [90, 98.5]", "zoom = [90, 90]", "zoom names a setting twice: 90, 90"),
+        ("iris = 20", "", "views.iris: Field required"),
+    ],
+)
+def test_what_a_plan_may_not_say(tmp_path, old, new, message):
+    with pytest.raises(InputError, match=f"the plan .*plan.toml cannot be used: .*{message}"):
+        load(tmp_path, TEXT.replace(old, new))
+
+
+def test_files_that_are_no_plan(tmp_path):
+    with pytest.raises(FileError, match=r"cannot read the plan .*none\.toml: No such file"):
+        SessionPlan.load(tmp_path / "none.toml")
+    with pytest.raises(FileError, match=r"plan\.toml is no TOML"):
+        load(tmp_path, "zoom = [")
