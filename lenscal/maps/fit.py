@@ -1,0 +1,207 @@
+"""Samples to lens map: which columns count, how their errors hang together, one joint fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from lenscal.arrays import FloatArray
+from lenscal.errors import InputError, MapError
+from lenscal.maps.domain import Domain
+from lenscal.maps.lens_map import LensMap
+from lenscal.maps.quantities import CAMERA_QUANTITIES
+from lenscal.maps.surface import Surfaces, fit_surfaces
+from lenscal.sensor import Sensor
+from lenscal.setting import LensSetting
+
+if TYPE_CHECKING:
+    from lenscal.calibration.table import CalibrationTable
+
+_NEEDED: Final = ("zoom", "focus", "magnification", "object_distance_mm")
+_POSITIVE: Final = ("magnification", "object_distance_mm", "standoff_mm")
+
+
+def fit_lens_map(
+    table: pd.DataFrame | CalibrationTable,
+    *,
+    sensor: Sensor | None = None,
+    reference_setting: LensSetting | None = None,
+    log_smoothing: Mapping[str, npt.ArrayLike] | None = None,
+) -> LensMap:
+    """Fit a lens map to one sample per setting.
+
+    Parameters
+    ----------
+    table
+        A calibration table, or a frame with the columns zoom, focus, magnification and
+        object_distance_mm; and, as far as they are known, standoff_mm, principal_point_x_px,
+        principal_point_y_px, k1_per_mm2, sigma_<quantity>, sigma_sharpest_mm (of the autofocus) and
+        cov_magnification_object_distance_mm. An absent covariance counts as zero, an absent σ is
+        estimated from the scatter, and the notes of the map say so.
+    sensor, reference_setting
+        What the table does not carry itself.
+    log_smoothing
+        A smoothing that was chosen before, by name of the surface; None to let the data choose.
+
+    Returns
+    -------
+    LensMap
+        The map.
+
+    Raises
+    ------
+    InputError
+        When columns are missing, values are not finite or not positive, or settings are repeated.
+    MapError
+        When the samples are too few.
+    """
+    if not isinstance(table, pd.DataFrame):
+        sensor = sensor or table.sensor
+        reference_setting = reference_setting or table.reference_setting
+        table = table.to_dataframe()
+    samples = _checked(table)
+    chosen: Mapping[str, Any] = log_smoothing or {}
+    names, covariances, notes = _core_covariances(samples)
+    zoom, focus = (samples[name].to_numpy(float) for name in ("zoom", "focus"))
+    core = fit_surfaces(
+        zoom,
+        focus,
+        np.log(samples[list(names)].to_numpy(float)),
+        covariances if covariances is not None else np.tile(np.eye(len(names)), (len(zoom), 1, 1)),
+        estimate_noise=covariances is None,
+        log_smoothing=chosen.get("core"),
+    )
+    camera_surfaces = {
+        name: _single_surface(samples, name, chosen.get(name))
+        for name in CAMERA_QUANTITIES
+        if name in samples and samples[name].notna().all()
+    }
+    return LensMap(
+        samples=samples,
+        core=core,
+        camera_surfaces=camera_surfaces,
+        domain=Domain.around(zoom, focus),
+        sensor=sensor,
+        reference_setting=reference_setting,
+        notes=tuple(notes),
+    )
+
+
+def _checked(table: pd.DataFrame) -> pd.DataFrame:
+    missing = [name for name in _NEEDED if name not in table]
+    if missing:
+        raise InputError(
+            f"the table of samples lacks the columns {', '.join(missing)}; it has "
+            f"{', '.join(map(str, table.columns))}"
+        )
+    samples = table.reset_index(drop=True)
+    if "standoff_mm" in samples and samples["standoff_mm"].isna().all():
+        samples = samples.drop(columns="standoff_mm")
+    for name in (*_NEEDED, *(n for n in ("standoff_mm",) if n in samples)):
+        bad = samples.index[~np.isfinite(samples[name].to_numpy(float))]
+        if len(bad):
+            raise InputError(
+                f"{name} is not finite in row {bad[0]} of the table of samples "
+                f"({len(bad)} such rows); leave these settings out or measure them again"
+            )
+    for name in (n for n in _POSITIVE if n in samples):
+        bad = samples.index[samples[name] <= 0]
+        if len(bad):
+            raise InputError(
+                f"{name} must be positive, but is {samples[name][bad[0]]:g} in row {bad[0]} of the "
+                "table of samples; leave this setting out or measure it again"
+            )
+    for name in (str(c) for c in samples.columns if str(c).startswith("sigma_")):
+        bad = samples.index[samples[name] <= 0]
+        if len(bad):
+            raise InputError(
+                f"{name} must be positive, but is {samples[name][bad[0]]:g} in row {bad[0]}; "
+                "a measurement without error does not exist: state it, or leave the column out"
+            )
+    repeated = samples.index[samples.duplicated(["zoom", "focus"])]
+    if len(repeated):
+        row = samples.loc[repeated[0]]
+        raise InputError(
+            f"the setting zoom {row['zoom']:g}, focus {row['focus']:g} stands more than once "
+            "in the table of samples; keep one row per setting"
+        )
+    if len(samples) < 2:
+        raise MapError(
+            f"a map needs at least 2 samples, but the table has {len(samples)}; "
+            "calibrate more settings"
+        )
+    return samples
+
+
+def _core_covariances(
+    samples: pd.DataFrame,
+) -> tuple[tuple[str, ...], FloatArray | None, list[str]]:
+    """Covariance of (ln d/D, ln D[, ln standoff]) of each sample, or None where it is not known.
+
+    Calibration states that of d/D and D for the distance at which the picture was taken. Where the
+    autofocus stopped beyond the sharpest distance by a share e, D and standoff are too large by as
+    much and, since d stays, d/D is too small by it.
+    """
+    names = _NEEDED[2:] + (("standoff_mm",) if "standoff_mm" in samples else ())
+    sigmas = [f"sigma_{name}" for name in _NEEDED[2:]]
+    absent = [s for s in sigmas if s not in samples or samples[s].isna().any()]
+    if absent:
+        note = f"no {' and '.join(absent)} in the table: the noise was estimated from the scatter"
+        return names, None, [note]
+    notes = []
+    values = samples[list(names)].to_numpy(float)
+    covariances = np.zeros((len(samples), len(names), len(names)))
+    for i, sigma in enumerate(sigmas):
+        covariances[:, i, i] = (samples[sigma].to_numpy(float) / values[:, i]) ** 2
+    shared = "cov_magnification_object_distance_mm"
+    if shared in samples:
+        term = samples[shared].to_numpy(float) / (values[:, 0] * values[:, 1])
+        covariances[:, 0, 1] = covariances[:, 1, 0] = term
+    else:
+        notes.append(f"no {shared} in the table: d/D and D were taken as uncorrelated")
+    if "sigma_sharpest_mm" in samples and samples["sigma_sharpest_mm"].notna().all():
+        sharpest = samples["sigma_sharpest_mm"].to_numpy(float)[:, None]
+        effect = np.concatenate([-1 / values[:, 1:2], 1 / values[:, 1:]], axis=1) * sharpest
+        covariances += effect[:, :, None] * effect[:, None, :]
+    else:
+        notes.append("no sigma_sharpest_mm in the table: autofocus was taken as exact")
+    if len(names) == 3:
+        covariances[:, 2, 2] = np.maximum(
+            covariances[:, 2, 2], _own_variance(samples, values[:, 2], covariances[:, 2, 2])
+        )
+    if (np.linalg.eigvalsh(covariances)[:, 0] <= 0).any():
+        raise InputError(
+            "the covariances of the samples contradict themselves: a correlation beyond ±1; check "
+            f"sigma_magnification, sigma_object_distance_mm and {shared}"
+        )
+    return names, covariances, notes
+
+
+def _own_variance(samples: pd.DataFrame, standoff: FloatArray, known: FloatArray) -> FloatArray:
+    """Variance of ln standoff as the table states it, or else that of the autofocus."""
+    if "sigma_standoff_mm" in samples and samples["sigma_standoff_mm"].notna().all():
+        return np.asarray((samples["sigma_standoff_mm"].to_numpy(float) / standoff) ** 2)
+    if (known > 0).all():
+        return known
+    raise InputError(
+        "the table has standoff_mm but neither sigma_standoff_mm nor sigma_sharpest_mm; state one "
+        "of them, or leave standoff_mm out"
+    )
+
+
+def _single_surface(samples: pd.DataFrame, name: str, log_smoothing: Any) -> Surfaces:
+    sigma = f"sigma_{name}"
+    known = sigma in samples and bool(samples[sigma].notna().all())
+    variance = samples[sigma].to_numpy(float) ** 2 if known else np.ones(len(samples))
+    return fit_surfaces(
+        samples["zoom"],
+        samples["focus"],
+        samples[[name]].to_numpy(float),
+        variance[:, None, None],
+        estimate_noise=not known,
+        log_smoothing=log_smoothing,
+    )

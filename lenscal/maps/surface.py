@@ -1,0 +1,426 @@
+"""Smooth surfaces over the (zoom, focus) plane: penalised tensor-product splines.
+
+Several surfaces are fitted together, because the errors of one sample's quantities are correlated.
+How smooth each is along each axis is what the data make most likely (REML). Derivation:
+``docs/derivations.md``, "Lens maps".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg
+from scipy.interpolate import BSpline, NdBSpline
+from scipy.optimize import minimize
+
+from lenscal.arrays import FloatArray, frozen_array
+from lenscal.errors import MapError
+
+#: More knot intervals than this per axis serve no lens and cost time.
+_MOST_INTERVALS: Final = 24
+#: Range of the logarithm of smoothing, about the value at which data and penalty weigh the same.
+_SMOOTHING_RANGE: Final = (-20.0, 15.0)
+#: Where the search for the smoothing starts.
+_SMOOTHING_STARTS: Final = (-12.0, -6.0, 0.0)
+#: Points whose variance is computed at a time, to bound the memory.
+_CHUNK: Final = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class SplineAxis:
+    """A spline basis along one motor.
+
+    Parameters
+    ----------
+    knots
+        (K + degree + 1,) knots in controller units, ends repeated.
+    degree
+        Degree of the pieces, at most 3; 0 means that the axis has one sampled value only.
+    """
+
+    knots: FloatArray
+    degree: int
+
+    @classmethod
+    def through(cls, values: FloatArray) -> SplineAxis:
+        """Make a basis that can follow the sampled values, with knots among them.
+
+        Parameters
+        ----------
+        values
+            (N,) sampled settings, in any order, repeated or not.
+
+        Returns
+        -------
+        SplineAxis
+            Cubic from four different values on, lower below.
+        """
+        unique = np.unique(values)
+        if len(unique) == 1:
+            return cls(np.array([unique[0] - 0.5, unique[0] + 0.5]), 0)
+        degree = min(3, len(unique) - 1)
+        breaks = unique
+        if len(unique) - 1 > _MOST_INTERVALS:
+            breaks = np.quantile(unique, np.linspace(0, 1, _MOST_INTERVALS + 1))
+        return cls(np.concatenate([[breaks[0]] * degree, breaks, [breaks[-1]] * degree]), degree)
+
+    @property
+    def size(self) -> int:
+        """Count of basis functions K."""
+        return len(self.knots) - self.degree - 1
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """First and last sampled value."""
+        if self.degree == 0:
+            middle = float(self.knots.mean())
+            return middle, middle
+        return float(self.knots[0]), float(self.knots[-1])
+
+    def design(self, values: FloatArray) -> FloatArray:
+        """Evaluate all basis functions.
+
+        Parameters
+        ----------
+        values
+            (N,) settings within the ends.
+
+        Returns
+        -------
+        FloatArray
+            (N, K).
+        """
+        inside = np.clip(values, self.knots[0], self.knots[-1])
+        matrix: FloatArray = BSpline.design_matrix(inside, self.knots, self.degree).toarray()
+        return matrix
+
+    def roughness(self) -> tuple[FloatArray, FloatArray]:
+        """Diagonalise the integral of the squared second derivative.
+
+        Returns
+        -------
+        basis : FloatArray
+            (K, K) whose columns are orthonormal functions over the axis, scaled to unit length.
+        eigenvalues : FloatArray
+            (K,) roughness of each column, ascending; 0 for constant and linear ones.
+        """
+        if self.degree < 2:
+            return np.eye(self.size), np.zeros(self.size)
+        span = self.knots[-1] - self.knots[0]
+        nodes, weights = np.polynomial.legendre.leggauss(self.degree + 1)
+        breaks = np.unique(self.knots)
+        half = np.diff(breaks)[:, None] / 2
+        where = (breaks[:-1, None] + half * (nodes + 1)).ravel()
+        weight = (half * weights).ravel() / span
+        values = self.design(where)
+        bend = span**2 * BSpline(self.knots, np.eye(self.size), self.degree).derivative(2)(where)
+        mass = values.T @ (weight[:, None] * values)
+        eigenvalues, basis = linalg.eigh(bend.T @ (weight[:, None] * bend), mass)
+        eigenvalues[:2] = 0.0
+        return basis, eigenvalues
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """Q surfaces over (zoom, focus) with the covariance of their coefficients.
+
+    Parameters
+    ----------
+    zoom, focus
+        The two axes.
+    coefficients
+        (K_zoom, K_focus, Q) B-spline coefficients.
+    covariance
+        (K_zoom · K_focus · Q) squared covariance of the coefficients, in that order.
+    log_smoothing
+        (Q, 2) natural logarithm of the smoothing along zoom and focus, about the neutral value.
+    noise_scale
+        Variance of the data over the stated one; 1 unless it had to be estimated.
+    """
+
+    zoom: SplineAxis
+    focus: SplineAxis
+    coefficients: FloatArray
+    covariance: FloatArray
+    log_smoothing: FloatArray
+    noise_scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        shape = (self.zoom.size, self.focus.size, "Q")
+        values = frozen_array("coefficients", self.coefficients, shape)
+        object.__setattr__(self, "coefficients", values)
+        for name in ("covariance", "log_smoothing"):
+            array = frozen_array(name, getattr(self, name), ("N", "M"))
+            object.__setattr__(self, name, array)
+
+    @cached_property
+    def _spline(self) -> NdBSpline:
+        axes = (self.zoom, self.focus)
+        return NdBSpline(
+            tuple(axis.knots for axis in axes), self.coefficients, tuple(a.degree for a in axes)
+        )
+
+    def value(
+        self, zoom: FloatArray, focus: FloatArray, derivative: tuple[int, int] = (0, 0)
+    ) -> FloatArray:
+        """Evaluate all surfaces or their derivatives.
+
+        Parameters
+        ----------
+        zoom, focus
+            (...) settings of equal shape; NaN gives NaN.
+        derivative
+            How often to differentiate along zoom and along focus.
+
+        Returns
+        -------
+        FloatArray
+            (..., Q).
+        """
+        points = np.stack([zoom, focus], axis=-1)
+        unknown = np.asarray(np.isnan(points).any(axis=-1))
+        low = [axis.knots[0] for axis in (self.zoom, self.focus)]
+        values: FloatArray = self._spline(np.where(unknown[..., None], low, points), nu=derivative)
+        values[unknown] = np.nan
+        return values
+
+    def covariance_at(self, zoom: FloatArray, focus: FloatArray) -> FloatArray:
+        """Give the posterior covariance of the Q surfaces at each setting.
+
+        Parameters
+        ----------
+        zoom, focus
+            (...) settings of equal shape; NaN gives NaN.
+
+        Returns
+        -------
+        FloatArray
+            (..., Q, Q).
+        """
+        shape, count = zoom.shape, self.coefficients.shape[2]
+        flat_zoom, flat_focus = zoom.ravel(), focus.ravel()
+        unknown = np.isnan(flat_zoom) | np.isnan(flat_focus)
+        size = self.zoom.size * self.focus.size
+        blocks = self.covariance.reshape(size, count, size, count).transpose(1, 3, 0, 2)
+        result = np.zeros((flat_zoom.size, count, count))
+        for start in range(0, flat_zoom.size, _CHUNK):
+            part = slice(start, start + _CHUNK)
+            design = tensor_design(
+                self.zoom,
+                self.focus,
+                np.where(unknown, self.zoom.knots[0], flat_zoom)[part],
+                np.where(unknown, self.focus.knots[0], flat_focus)[part],
+            )
+            for i in range(count):
+                for j in range(i + 1):
+                    shared = np.einsum("nk,nk->n", design @ blocks[i, j], design)
+                    result[part, i, j] = result[part, j, i] = shared
+        result[unknown] = np.nan
+        return result.reshape(*shape, count, count)
+
+
+def tensor_design(
+    zoom: SplineAxis, focus: SplineAxis, zooms: FloatArray, focuses: FloatArray
+) -> FloatArray:
+    """Evaluate all products of basis functions.
+
+    Parameters
+    ----------
+    zoom, focus
+        The axes.
+    zooms, focuses
+        (N,) settings.
+
+    Returns
+    -------
+    FloatArray
+        (N, K_zoom · K_focus).
+    """
+    product = zoom.design(zooms)[:, :, None] * focus.design(focuses)[:, None, :]
+    return product.reshape(len(zooms), -1)
+
+
+def fit_surfaces(
+    zooms: npt.ArrayLike,
+    focuses: npt.ArrayLike,
+    values: npt.ArrayLike,
+    covariances: npt.ArrayLike,
+    *,
+    estimate_noise: bool = False,
+    log_smoothing: npt.ArrayLike | None = None,
+) -> Surfaces:
+    """Fit Q surfaces to scattered samples by generalised least squares with a roughness penalty.
+
+    Parameters
+    ----------
+    zooms, focuses
+        (N,) settings of the samples.
+    values
+        (N, Q) what was measured there.
+    covariances
+        (N, Q, Q) its covariance, positive definite.
+    estimate_noise
+        Whether the covariances are known only up to a common factor, which is then estimated.
+    log_smoothing
+        (Q, 2) to keep a smoothing that was chosen before; None to let the data choose.
+
+    Returns
+    -------
+    Surfaces
+        The surfaces.
+
+    Raises
+    ------
+    MapError
+        When the samples are too few or lie so that they do not determine the surfaces.
+    """
+    zooms, focuses = (frozen_array(n, v, ("N",)) for n, v in (("zoom", zooms), ("focus", focuses)))
+    measured = frozen_array("values", values, (len(zooms), "Q"))
+    count = measured.shape[1]
+    problem = _Problem.of(
+        zooms, focuses, measured, frozen_array("covariances", covariances, ("N", count, count))
+    )
+    if log_smoothing is None:
+        log_smoothing = problem.most_likely_smoothing(estimate_noise)
+    smoothing = frozen_array("log_smoothing", log_smoothing, (count, 2))
+    factor, solution, misfit = problem.solve(smoothing)
+    scale = misfit / problem.degrees_of_freedom if estimate_noise else 1.0
+    half = linalg.solve_triangular(factor, np.eye(len(factor)), lower=True)
+    to_splines = np.kron(problem.basis, np.eye(count))
+    spread = half @ to_splines.T
+    axes = problem.axes
+    return Surfaces(
+        *axes,
+        coefficients=(to_splines @ solution).reshape(axes[0].size, axes[1].size, count),
+        covariance=scale * (spread.T @ spread),
+        log_smoothing=smoothing,
+        noise_scale=scale,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Normal equations in the basis in which the penalty is diagonal."""
+
+    axes: tuple[SplineAxis, SplineAxis]
+    basis: FloatArray  # (K, K) spline coefficients of each diagonal function
+    bends: FloatArray  # (2, K) roughness along zoom and along focus
+    design: FloatArray  # (N, K) of the samples in that basis
+    values: FloatArray  # (N, Q)
+    weights: FloatArray  # (N, Q, Q) inverse covariances
+    information: FloatArray  # (K·Q, K·Q) of the data
+    right: FloatArray  # (K·Q,)
+
+    @classmethod
+    def of(
+        cls, zooms: FloatArray, focuses: FloatArray, values: FloatArray, covariances: FloatArray
+    ) -> _Problem:
+        axes = SplineAxis.through(zooms), SplineAxis.through(focuses)
+        (zoom_basis, zoom_bend), (focus_basis, focus_bend) = (a.roughness() for a in axes)
+        basis = np.asarray(np.kron(zoom_basis, focus_basis), dtype=np.float64)
+        bends = np.stack([np.repeat(zoom_bend, axes[1].size), np.tile(focus_bend, axes[0].size)])
+        free = int((bends == 0).all(axis=0).sum())
+        if len(zooms) < free:
+            raise MapError(
+                f"{len(zooms)} samples cannot determine a surface over zoom and focus; at least "
+                f"{free} are needed, spread over both"
+            )
+        design = tensor_design(*axes, zooms, focuses) @ basis
+        weights = np.asarray(np.linalg.inv(covariances), dtype=np.float64)
+        size, count = design.shape[1], values.shape[1]
+        information = np.einsum("nk,nl,nqr->kqlr", design, design, weights, optimize=True)
+        weighted = np.einsum("nqr,nr->nq", weights, values)
+        return cls(
+            axes=axes,
+            basis=basis,
+            bends=bends,
+            design=design,
+            values=values,
+            weights=weights,
+            information=information.reshape(size * count, size * count),
+            right=(design.T @ weighted).ravel(),
+        )
+
+    @property
+    def samples(self) -> int:
+        """Count of samples N."""
+        return len(self.values)
+
+    @property
+    def count(self) -> int:
+        """Count of surfaces Q."""
+        return int(self.values.shape[1])
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Count of data less what no penalty holds."""
+        free = int((self.bends == 0).all(axis=0).sum())
+        return max(1, self.count * (self.samples - free))
+
+    @cached_property
+    def neutral(self) -> FloatArray:
+        """(Q, 2) smoothing at which data and penalty weigh the same."""
+        weight = np.diag(self.information).reshape(-1, self.count).sum(axis=0)
+        total = self.bends.sum(axis=1)
+        bend = np.where(total > 0, total, 1.0)
+        ratio: FloatArray = weight[:, None] / bend
+        return ratio
+
+    def penalty(self, log_smoothing: FloatArray) -> FloatArray:
+        """(K·Q,) diagonal of the penalty."""
+        strength = np.exp(log_smoothing) * self.neutral
+        diagonal: FloatArray = (strength @ self.bends).T.ravel()
+        return diagonal
+
+    def solve(self, log_smoothing: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """Cholesky factor, solution, and the misfit with its penalty."""
+        penalty = self.penalty(log_smoothing)
+        normal = self.information + np.diag(penalty)
+        try:
+            factor = linalg.cholesky(normal, lower=True)
+        except linalg.LinAlgError as error:
+            raise MapError(
+                f"the {self.samples} samples do not determine the surfaces: they lie on a line or "
+                "in too few places; add settings that differ in zoom and in focus"
+            ) from error
+        solution = linalg.cho_solve((factor, True), self.right)
+        residual = self.values - self.design @ solution.reshape(-1, self.count)
+        misfit = np.einsum("nq,nqr,nr->", residual, self.weights, residual)
+        return factor, solution, float(misfit + penalty @ solution**2)
+
+    def criterion(self, log_smoothing: FloatArray, estimate_noise: bool) -> float:
+        """Minus twice the restricted log-likelihood, up to a constant (REML)."""
+        factor, _, misfit = self.solve(log_smoothing)
+        penalty = self.penalty(log_smoothing)
+        complexity = 2 * np.log(np.diag(factor)).sum() - np.log(penalty[penalty > 0]).sum()
+        if estimate_noise:
+            freedom = self.degrees_of_freedom
+            return float(freedom * np.log(max(misfit, 1e-300) / freedom) + complexity)
+        return float(misfit + complexity)
+
+    def most_likely_smoothing(self, estimate_noise: bool) -> FloatArray:
+        """(Q, 2) smoothing that the data make most likely."""
+        # An axis that cannot bend has no smoothing to choose.
+        bendable = np.tile(self.bends.any(axis=1), self.count)
+        if not bendable.any():
+            return np.zeros((self.count, 2))
+
+        def full(free: FloatArray) -> FloatArray:
+            everything = np.zeros(2 * self.count)
+            everything[bendable] = free
+            return everything.reshape(self.count, 2)
+
+        def badness(free: FloatArray) -> float:
+            return self.criterion(full(free), estimate_noise)
+
+        size = int(bendable.sum())
+        bounds = [_SMOOTHING_RANGE] * size
+        fits = [
+            minimize(badness, np.full(size, start), method="L-BFGS-B", bounds=bounds)
+            for start in _SMOOTHING_STARTS
+        ]
+        return full(min(fits, key=lambda fit: float(fit.fun)).x)
