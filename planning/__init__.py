@@ -1,1 +1,41 @@
-"""Sensor planning."""
+"""Stage 5: planning. Reads: LensMap, Scene, Task. Gives: Plan.
+
+Public names are looked up when they are first used, so that importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, Final
+
+_HOMES: Final = {
+    "AdmissibleSettings": "planning.settings",
+    "FieldOfView": "planning.requirements.field_of_view",
+    "FixedLens": "planning.settings",
+    "Plan": "planning.planner",
+    "Region": "planning.visibility.region",
+    "Resolution": "planning.requirements.resolution",
+    "Scene": "planning.scene",
+    "Solid": "planning.solid",
+    "Target": "planning.target",
+    "Task": "planning.task",
+    "admissible_settings": "planning.settings",
+    "box_workspace": "planning.solid",
+    "example_part": "planning.enclosure",
+    "object_distance_bounds_mm": "planning.settings",
+    "plan": "planning.planner",
+    "verify_viewpoint": "planning.verify",
+    "visibility_region": "planning.visibility.region",
+}
+
+__all__ = sorted(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'planning' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])

@@ -1,1 +1,1 @@
-"""Requirements: one file each, all returning the same record."""
+"""What an image of the feature must satisfy: one file and one record per requirement."""

@@ -1,1 +1,1 @@
-"""Exact visibility regions."""
+"""Exact visibility regions. Reads: Scene, Target, workspace. Gives: Region with its audit."""

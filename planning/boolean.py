@@ -1,0 +1,172 @@
+"""Boolean operations on solids through manifold3d, each checked by keeping books of the volumes.
+
+manifold3d works here in double precision (`Mesh64`) and in a frame where all is of size one. It can
+return a wrong solid without saying so; what is cut off and what remains must therefore add up to
+what there was, or the step is repeated with cutters that are larger by a hair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import manifold3d
+import numpy as np
+from manifold3d import Manifold
+
+from lenscal.arrays import FloatArray, IntArray
+from lenscal.errors import GeometryError
+
+#: By how much of the whole the volumes of a step may fail to add up.
+BALANCE_TOLERANCE: Final = 1e-9
+#: Components of less than this share of the whole are slivers of rounding.
+SLIVER: Final = 1e-9
+#: By how much the cutters grow, in units of the frame, when the volumes do not add up.
+_INFLATIONS: Final = (0.0, 1e-10, 1e-8, 1e-7)
+#: How many cutters are united before they are subtracted.
+_CHUNK: Final = 32
+
+#: Makes a cutter that is larger by a distance on all sides.
+Cutter = Callable[[float], Manifold]
+
+
+def to_manifold(name: str, vertices: FloatArray, faces: IntArray) -> Manifold:
+    """Hand a closed mesh over to manifold3d in double precision.
+
+    Parameters
+    ----------
+    name
+        What the caller calls it; it opens the error message.
+    vertices
+        (V, 3) corners.
+    faces
+        (F, 3) indices.
+
+    Returns
+    -------
+    Manifold
+        The solid.
+
+    Raises
+    ------
+    GeometryError
+        When manifold3d does not take it as a manifold.
+    """
+    mesh = manifold3d.Mesh64(
+        np.array(vertices, dtype=np.float64, order="C"),
+        np.array(faces, dtype=np.uint64, order="C"),
+    )
+    solid = Manifold(mesh)
+    if solid.status() != manifold3d.Error.NoError:
+        raise GeometryError(
+            f"{name} cannot be used as a solid ({solid.status().name}): some edge or vertex "
+            "belongs to more than one sheet of its surface; repair it in the CAD program"
+        )
+    return solid
+
+
+def from_manifold(solid: Manifold) -> tuple[FloatArray, IntArray]:
+    """Take vertices and faces back from manifold3d.
+
+    Parameters
+    ----------
+    solid
+        The solid.
+
+    Returns
+    -------
+    vertices : FloatArray
+        (V, 3) corners.
+    faces : IntArray
+        (F, 3) indices.
+    """
+    mesh = solid.to_mesh64()
+    vertices = np.array(mesh.vert_properties, dtype=np.float64)
+    faces = np.array(mesh.tri_verts, dtype=np.int64).reshape(-1, 3)
+    # Vertices that only differ in what mesh they came from are the same place.
+    same = np.arange(len(vertices))
+    same[np.array(mesh.merge_from_vert, dtype=np.int64)] = np.array(
+        mesh.merge_to_vert, dtype=np.int64
+    )
+    return vertices[:, :3], same[faces]
+
+
+def intersect(first: Manifold, second: Manifold) -> tuple[Manifold, float]:
+    """Intersect two solids and check the books.
+
+    Parameters
+    ----------
+    first, second
+        The solids, in a frame of size about one.
+
+    Returns
+    -------
+    common : Manifold
+        What both share.
+    imbalance : float
+        By how much the volumes of the parts of the first fail to add up.
+    """
+    common, rest = first.split(second)
+    return common, abs(first.volume() - common.volume() - rest.volume())
+
+
+def subtract(solid: Manifold, cutters: Sequence[Cutter]) -> tuple[Manifold, float, int]:
+    """Subtract many cutters and check the books at every step.
+
+    Parameters
+    ----------
+    solid
+        What is cut, in a frame of size about one.
+    cutters
+        Each makes the solid to subtract, larger by the distance it is given.
+
+    Returns
+    -------
+    rest : Manifold
+        What remains, without slivers.
+    imbalance : float
+        The largest by which the volumes of a step fail to add up.
+    repairs : int
+        How many steps had to be repeated with larger cutters.
+
+    Raises
+    ------
+    GeometryError
+        When the volumes of a step do not add up whatever is tried.
+    """
+    whole = solid.volume()
+    worst, repairs = 0.0, 0
+    for start in range(0, len(cutters), _CHUNK):
+        if solid.is_empty():
+            break
+        solid, imbalance, tries = _subtract_chunk(solid, cutters[start : start + _CHUNK], whole)
+        worst, repairs = max(worst, imbalance), repairs + (tries > 0)
+    return _without_slivers(solid, whole), worst, repairs
+
+
+def _subtract_chunk(
+    solid: Manifold, cutters: Sequence[Cutter], whole: float
+) -> tuple[Manifold, float, int]:
+    before = solid.volume()
+    imbalance = np.inf
+    for tries, inflation in enumerate(_INFLATIONS):
+        united = Manifold.batch_boolean(
+            [make(inflation) for make in cutters], manifold3d.OpType.Add
+        )
+        removed, rest = solid.split(united)
+        imbalance = abs(before - removed.volume() - rest.volume())
+        if imbalance <= BALANCE_TOLERANCE * whole:
+            return rest, imbalance, tries
+    raise GeometryError(
+        f"the volumes of a boolean operation fail to add up by {imbalance / whole:.1e} of the "
+        "whole, also with slightly larger cutters; simplify the part about the target, or "
+        "move the target by a little"
+    )
+
+
+def _without_slivers(solid: Manifold, whole: float) -> Manifold:
+    components = solid.decompose()
+    kept = [c for c in components if c.volume() > SLIVER * whole]
+    if len(kept) == len(components):
+        return solid
+    return Manifold.compose(kept)

@@ -1,0 +1,266 @@
+"""The commands of the planner: ``visibility``, ``settings``, ``plan`` and ``demo``.
+
+What is heavy is imported when a command runs, so that ``--help`` is quick.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from lenscal.sensor import Axis
+    from planning.planner import Plan
+    from planning.requirements.margin import Requirement
+    from planning.settings import AdmissibleSettings
+
+_FILE = click.Path(path_type=Path, dir_okay=False)
+_AXIS = click.Choice(["any", "x", "y"])
+
+
+@click.command()
+@click.argument("part", type=_FILE)
+@click.option("--unit", required=True, help="Unit of the numbers in PART: mm, in, m, …")
+@click.option(
+    "--target-near",
+    required=True,
+    metavar="X,Y,Z",
+    help='A point with its unit, such as "0,0,12 mm"; the flat face nearest to it is the target.',
+)
+@click.option(
+    "--workspace",
+    required=True,
+    metavar="X,Y,Z,X,Y,Z",
+    help='Low and high corner of where the camera may be, such as "-50,-50,0,50,50,90 cm".',
+)
+@click.option(
+    "-o",
+    "--out",
+    required=True,
+    type=_FILE,
+    help="Where the region goes: .stl, .ply, .obj in mm, .glb in metres as that format demands.",
+)
+@click.option(
+    "--audit-points", default=10_000, show_default=True, help="Random viewpoints to check."
+)
+@click.option("--seed", default=0, show_default=True, help="Seed of these viewpoints.")
+def visibility(
+    part: Path,
+    unit: str,
+    target_near: str,
+    workspace: str,
+    out: Path,
+    audit_points: int,
+    seed: int,
+) -> None:
+    r"""Compute from where the whole of a face is seen.
+
+    \b
+    Example:
+      lenscal visibility part.stl --unit mm --target-near "0,0,0 mm" \
+          --workspace "-30,-80,5,30,80,100 cm" -o region.stl
+    """
+    from planning.scene import Scene
+    from planning.solid import box_workspace
+    from planning.target import Target
+    from planning.visibility.region import visibility_region
+
+    scale = _mm_per_unit_of(out)
+    scene = Scene.load(part, unit)
+    target = Target.from_face(scene, _lengths_mm(target_near, 3, "--target-near"))
+    corners = _lengths_mm(workspace, 6, "--workspace")
+    camera_space = box_workspace(corners[:3], corners[3:])
+    region = visibility_region(scene, target, camera_space, audit_points=audit_points, seed=seed)
+    click.echo(
+        f"target: {target.area_mm2:.6g} mm² about ({_point(target.centroid_mm)}) mm, "
+        f"facing ({_point(target.normal)})"
+    )
+    share = region.volume_mm3 / camera_space.volume_mm3
+    click.echo(f"region: {region.volume_mm3:.6g} mm³, {share:.4%} of the workspace")
+    audit = region.audit
+    click.echo(
+        f"audit: {audit.disagreements} of {audit.viewpoints} viewpoints judged differently by the "
+        f"exact test, away from the boundary by {audit.tolerance_mm:.2g} mm; "
+        f"volumes add up to {audit.imbalance:.1e}"
+    )
+    if region.is_empty:
+        click.echo(f"the region is empty: {region.why_empty}; no file was written")
+        return
+    mesh = region.to_mesh()
+    mesh.apply_scale(1.0 / scale)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    mesh.export(out)
+    click.echo(f"wrote {out}")
+
+
+@click.command()
+@click.argument("lens_map", metavar="MAP.json", type=_FILE)
+@click.option("--resolution", metavar="N px/LENGTH", help='Such as "3px/0.01in".')
+@click.option("--fov", metavar="LENGTH", help='Length that must fit in the image, such as "1in".')
+@click.option("--axis", type=_AXIS, default="any", show_default=True, help="Image axis.")
+@click.option("--safety", default=0.0, show_default=True, help="Share by which limits are kept.")
+def settings(
+    lens_map: Path, resolution: str | None, fov: str | None, axis: Axis, safety: float
+) -> None:
+    r"""Show at which zoom and focus a feature is resolved and inside the image.
+
+    \b
+    Example:
+      lenscal settings map.json --resolution 3px/0.01in --fov 1in --axis x
+    """
+    from lenscal.errors import PlanningError
+    from lenscal.maps.lens_map import LensMap
+    from planning.settings import admissible_settings
+
+    requirements = _requirements(resolution, fov, axis)
+    found = admissible_settings(LensMap.load(lens_map), requirements, safety=safety)
+    if found.is_empty:
+        raise PlanningError(found.why_empty)
+    _show_settings(found)
+
+
+@click.command()
+@click.argument("task_file", metavar="TASK.toml", type=_FILE)
+@click.option(
+    "-o", "--out", type=_FILE, default=Path("plan.json"), show_default=True, help="The plan."
+)
+@click.option("--safety", default=0.005, show_default=True, help="Share by which limits are kept.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the audit's viewpoints.")
+def plan(task_file: Path, out: Path, safety: float, seed: int) -> None:
+    r"""Plan viewpoints and settings for a task.
+
+    TASK.toml names the part, its unit, the lens map, the target, the workspace and the
+    requirements; every length in it carries its unit.
+
+    \b
+    Example:
+      lenscal plan task.toml -o plan.json
+    """
+    from lenscal.errors import PlanningError
+    from planning.planner import plan as make_plan
+    from planning.task_file import load_task
+
+    task, lens, scene = load_task(task_file)
+    found = make_plan(task, lens, scene, safety=safety, seed=seed)
+    found.save(out)
+    if found.why_empty:
+        raise PlanningError(f"no viewpoint: {found.why_empty} (what was found is in {out})")
+    _show_plan(found)
+    click.echo(f"wrote {out}")
+
+
+@click.command()
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("lenscal-demo"),
+    show_default=True,
+    help="Folder for all results.",
+)
+@click.option("--seed", default=0, show_default=True, help="Seed of the simulated rig.")
+def demo(out: Path, seed: int) -> None:
+    r"""Calibrate a simulated zoom lens and place a camera with it, from end to end.
+
+    \b
+    Example:
+      lenscal demo --out lenscal-demo
+    """
+    from planning.demo import run_demo
+
+    run_demo(out, seed)
+
+
+def _lengths_mm(text: str, count: int, option: str) -> list[float]:
+    """Read numbers between commas; one without a unit has that of the last."""
+    import re
+
+    from lenscal.errors import UnitError
+    from lenscal.units import parse_length_mm
+
+    words = [word.strip() for word in text.split(",")]
+    unit = re.search(r"[a-zA-Zµ]*$", words[-1])
+    last_unit = unit.group() if unit else ""
+    if len(words) != count or not last_unit:
+        raise UnitError(
+            f"{option} needs {count} numbers between commas and a unit, but is {text!r}; write "
+            f"'{','.join(['0'] * count)} mm'"
+        )
+    return [parse_length_mm(w if w[-1:].isalpha() else w + last_unit) for w in words]
+
+
+def _requirements(resolution: str | None, fov: str | None, axis: Axis) -> list[Requirement]:
+    from lenscal.errors import InputError
+    from lenscal.units import parse_length_mm
+    from planning.requirements.field_of_view import FieldOfView
+    from planning.requirements.resolution import Resolution
+
+    found: list[Requirement] = []
+    if resolution is not None:
+        pixels, _, length = resolution.partition("/")
+        try:
+            count = float(pixels.strip().removesuffix("px"))
+        except ValueError as error:
+            raise InputError(
+                f"cannot read --resolution {resolution!r}; write pixels and a length, "
+                "such as 3px/0.01in"
+            ) from error
+        found.append(Resolution(count, parse_length_mm(length), axis))
+    if fov is not None:
+        found.append(FieldOfView(parse_length_mm(fov), axis))
+    if not found:
+        raise InputError("nothing is required; give --resolution 3px/0.01in, --fov 1in, or both")
+    return found
+
+
+def _mm_per_unit_of(out: Path) -> float:
+    from lenscal.errors import FileError
+    from planning.scene import FILE_TYPES
+
+    if out.suffix.lower().lstrip(".") not in FILE_TYPES:
+        raise FileError(
+            f"cannot write a region to {out}; its name must end in one of {', '.join(FILE_TYPES)}"
+        )
+    return 1000.0 if out.suffix.lower() == ".glb" else 1.0
+
+
+def _show_settings(found: AdmissibleSettings) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="Admissible settings")
+    for heading in ("quantity", "from", "to"):
+        table.add_column(heading, justify="right" if heading != "quantity" else "left")
+    table.add_row("d/D", *(f"{v:.4f}" for v in found.magnification_bounds))
+    outlines = [polygon.outline for polygon in found.polygons]
+    for name, column in (("zoom", 0), ("focus", 1)):
+        values = [v for outline in outlines for v in outline[:, column]]
+        table.add_row(name, f"{min(values):.2f}", f"{max(values):.2f}")
+    for name, bounds in (
+        ("D, object distance (mm)", found.object_distance_bounds_mm),
+        ("D - offset, standoff (mm)", found.standoff_bounds_mm),
+    ):
+        if bounds is not None:
+            table.add_row(name, *(f"{v:.2f}" for v in bounds))
+    Console().print(table)
+
+
+def _show_plan(found: Plan) -> None:
+    from rich.console import Console
+
+    from planning.viewpoint_table import viewpoint_table
+
+    columns = (
+        *("zoom", "focus", "magnification", "object_distance_mm", "standoff_mm"),
+        *("x_mm", "y_mm", "z_mm"),
+        *("resolution_margin", "field_of_view_margin", "visibility_margin_mm"),
+    )
+    title = f"Viewpoints {found.task.name}".strip()
+    Console().print(viewpoint_table(title, found.viewpoints, columns))
+
+
+def _point(vector: Iterable[float]) -> str:
+    return ", ".join(f"{v:.4g}" for v in vector)

@@ -1,0 +1,216 @@
+"""The file ``task.toml`` that a person writes: what to see, how well, with which lens.
+
+Every length carries its unit, or is refused::
+
+    part = "part.stl"
+    unit = "mm"                      # of the numbers in the part's file
+    lens = "map.json"
+
+    target = { near = ["0 mm", "0 mm", "0 mm"] }                  # or vertices = [[…], […], […]]
+    feature = [["-0.5 in", "0 in", "0 in"], ["0.5 in", "0 in", "0 in"]]   # left out: the target
+    workspace = { low = ["-30 cm", "-80 cm", "5 cm"], high = ["30 cm", "80 cm", "1 m"] }
+
+    [[requirements]]
+    kind = "resolution"
+    pixels = 3
+    length = "0.01 in"
+    axis = "x"
+
+    [[requirements]]
+    kind = "field_of_view"
+    length = "1 in"
+    axis = "x"
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from lenscal.handwritten import Handwritten, LengthMm, PositiveLengthMm, load_toml
+from lenscal.sensor import Axis
+from planning.requirements.field_of_view import FieldOfView
+from planning.requirements.resolution import Resolution
+from planning.scene import Scene
+from planning.settings import FixedLens
+from planning.solid import box_workspace
+from planning.target import Target
+from planning.task import Task
+
+if TYPE_CHECKING:
+    from lenscal.maps.lens_map import LensMap
+
+PointMm = tuple[LengthMm, LengthMm, LengthMm]
+
+
+class TargetSpec(Handwritten):
+    """How the target is given: the face nearest to a point, or its vertices.
+
+    Parameters
+    ----------
+    near
+        A point; the face of the part nearest to it is the target.
+    vertices
+        Corners of the target, counter-clockwise seen from outside.
+    """
+
+    near: PointMm | None = None
+    vertices: list[PointMm] | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> TargetSpec:
+        if (self.near is None) == (self.vertices is None):
+            raise ValueError("give either near or vertices")
+        return self
+
+
+class WorkspaceSpec(Handwritten):
+    """A box along the axes of the part.
+
+    Parameters
+    ----------
+    low, high
+        Opposite corners.
+    """
+
+    low: PointMm
+    high: PointMm
+
+
+class ResolutionSpec(Handwritten):
+    """A `Resolution` as it is written.
+
+    Parameters
+    ----------
+    kind
+        ``"resolution"``.
+    pixels
+        How many samples.
+    length
+        The length that they must cover.
+    axis
+        The image axis.
+    """
+
+    kind: Literal["resolution"]
+    pixels: float = Field(gt=0)
+    length: PositiveLengthMm
+    axis: Axis = "any"
+
+
+class FieldOfViewSpec(Handwritten):
+    """A `FieldOfView` as it is written.
+
+    Parameters
+    ----------
+    kind
+        ``"field_of_view"``.
+    length
+        The length that must fit.
+    axis
+        The image axis.
+    """
+
+    kind: Literal["field_of_view"]
+    length: PositiveLengthMm
+    axis: Axis = "any"
+
+
+RequirementSpec = Annotated[ResolutionSpec | FieldOfViewSpec, Field(discriminator="kind")]
+
+
+class TaskFile(Handwritten):
+    """What ``task.toml`` may say.
+
+    Parameters
+    ----------
+    name
+        What people call the task.
+    part
+        File of the part, beside the task file.
+    unit
+        Unit of the numbers in the part's file.
+    lens
+        File of the lens map, beside the task file.
+    target
+        What is to be seen whole.
+    feature
+        Ends of the segment, or corners of the face, that is to be resolved; None for the target.
+    workspace
+        Where the projection centre may be.
+    requirements
+        What the image of the feature must satisfy.
+    """
+
+    name: str = ""
+    part: Path
+    unit: str
+    lens: Path
+    target: TargetSpec
+    feature: list[PointMm] | None = None
+    workspace: WorkspaceSpec
+    requirements: list[RequirementSpec] = Field(min_length=1)
+
+    def build(self, scene: Scene) -> Task:
+        """Make the task.
+
+        Parameters
+        ----------
+        scene
+            The part, in which the target is looked up.
+
+        Returns
+        -------
+        Task
+            The task in mm.
+        """
+        if self.target.vertices is not None:
+            target = Target(np.array(self.target.vertices))
+        else:
+            target = Target.from_face(scene, np.array(self.target.near))
+        feature = None if self.feature is None else Target(np.array(self.feature))
+        workspace = box_workspace(self.workspace.low, self.workspace.high)
+        return Task(
+            target, feature, [_requirement(r) for r in self.requirements], workspace, self.name
+        )
+
+
+def load_task(path: Path | str) -> tuple[Task, LensMap | FixedLens, Scene]:
+    """Read a task file and the part and lens map that it names.
+
+    Parameters
+    ----------
+    path
+        The TOML file. Names of files in it are relative to its folder.
+
+    Returns
+    -------
+    task : Task
+        The task.
+    lens : LensMap
+        The lens map.
+    scene : Scene
+        The part.
+
+    Raises
+    ------
+    FileError
+        When the file is missing or no TOML.
+    InputError
+        When it says something that is not understood.
+    """
+    from lenscal.maps.lens_map import LensMap
+
+    path = Path(path)
+    spec = load_toml(path, TaskFile, "task")
+    scene = Scene.load(path.parent / spec.part, spec.unit)
+    return spec.build(scene), LensMap.load(path.parent / spec.lens), scene
+
+
+def _requirement(spec: ResolutionSpec | FieldOfViewSpec) -> Resolution | FieldOfView:
+    if isinstance(spec, ResolutionSpec):
+        return Resolution(spec.pixels, spec.length, spec.axis)
+    return FieldOfView(spec.length, spec.axis)

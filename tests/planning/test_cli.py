@@ -1,0 +1,208 @@
+"""The commands, and the files that people write for them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+from click.testing import CliRunner
+
+from lenscal.document import read_document
+from lenscal.errors import FileError, InputError, PlanningError, UnitError
+from lenscal.maps.fit import fit_lens_map
+from planning import cli
+from planning.enclosure import example_part
+from planning.task_file import load_task
+
+TASK = """
+name = "top face"
+part = "part.ply"
+unit = "mm"
+lens = "map.json"
+target = { near = ["0 mm", "0 mm", "0 mm"] }
+feature = [["-0.5 in", "0 in", "0 in"], ["0.5 in", "0 in", "0 in"]]
+workspace = { low = ["-30 cm", "-80 cm", "33 mm"], high = ["30 cm", "80 cm", "1 m"] }
+
+[[requirements]]
+kind = "resolution"
+pixels = 3
+length = "0.01 in"
+axis = "x"
+
+[[requirements]]
+kind = "field_of_view"
+length = "1 in"
+axis = "x"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, lens):
+    """A folder with the example part, a map of the closed-form lens, and a task."""
+    folder = tmp_path_factory.mktemp("task")
+    meshes = [body.to_mesh() for body in example_part().scene.bodies]
+    trimesh.util.concatenate(meshes).export(folder / "part.ply")
+    zoom, focus = (a.ravel() for a in np.meshgrid(np.linspace(90, 109, 6), np.linspace(40, 140, 5)))
+    columns = {
+        name: getattr(lens, name)(zoom, focus)
+        for name in ("magnification", "object_distance_mm", "standoff_mm")
+    }
+    table = pd.DataFrame({"zoom": zoom, "focus": focus, **columns})
+    for name in columns:
+        table[f"sigma_{name}"] = 1e-4 * table[name]
+    # The choice of smoothing is what takes a fit its time; any small one will do here.
+    smoothing = {"core": np.full((3, 2), -9.0)}
+    fit_lens_map(table, sensor=lens.sensor, log_smoothing=smoothing).save(folder / "map.json")
+    (folder / "task.toml").write_text(TASK, encoding="utf-8")
+    return folder
+
+
+def run(command, *words):
+    """Run a command; what it raises comes through."""
+    return CliRunner().invoke(command, [str(w) for w in words], catch_exceptions=False)
+
+
+@pytest.mark.parametrize("ending", ["stl", "glb", "ply"])
+def test_visibility_writes_the_region(folder, ending: str) -> None:
+    out = folder / f"region.{ending}"
+    done = run(
+        cli.visibility, folder / "part.ply", "--unit", "mm", "--target-near", "0,0,0 mm",
+        "--workspace", "-300,-800,33,300,800,1000mm", "-o", out, "--audit-points", 500,
+    )  # fmt: skip
+    assert done.exit_code == 0
+    assert "target: 483.87 mm²" in done.output
+    assert "audit: 0 of 500 viewpoints judged differently" in done.output
+    region = trimesh.load_mesh(out)
+    assert np.abs(region.bounds).max() == pytest.approx(1.0 if ending == "glb" else 1000.0)
+
+
+def test_visibility_says_why_there_is_no_region(folder, tmp_path) -> None:
+    done = run(
+        cli.visibility, folder / "part.ply", "--unit", "mm", "--target-near", "0,0,0 mm",
+        "--workspace", "-20,-5,1,20,5,2 m", "-o", tmp_path / "r.stl", "--audit-points", 10,
+    )  # fmt: skip
+    assert "region:" in done.output
+    below = run(
+        cli.visibility, folder / "part.ply", "--unit", "mm", "--target-near", "0,0,0 mm",
+        "--workspace", "-2,-2,-2,2,2,-1 m", "-o", tmp_path / "none.stl", "--audit-points", 10,
+    )  # fmt: skip
+    assert "the region is empty: the whole workspace lies behind" in below.output
+    assert not (tmp_path / "none.stl").exists()
+
+
+def test_visibility_refuses_bare_numbers_and_other_files(folder, tmp_path) -> None:
+    words = ["--unit", "mm", "--workspace", "0,0,0,1,1,1 m"]
+    with pytest.raises(UnitError, match="--target-near needs 3 numbers between commas and a unit"):
+        run(cli.visibility, folder / "part.ply", *words, "--target-near", "0,0,0", "-o", "r.stl")
+    with pytest.raises(FileError, match="cannot write a region to .*; its name must end in"):
+        run(cli.visibility, folder / "part.ply", *words, "--target-near", "0,0,0mm", "-o", "r.docx")
+
+
+def test_settings_shows_the_range(folder) -> None:
+    words = ["--resolution", "3px/0.01in", "--fov", "1 in", "--axis", "x"]
+    done = run(cli.settings, folder / "map.json", *words)
+    assert done.exit_code == 0
+    for number in ("0.1919", "0.3275", "standoff"):
+        assert number in done.output
+
+
+def test_settings_refuses_what_cannot_be(folder) -> None:
+    with pytest.raises(PlanningError, match="the requirements contradict each other"):
+        run(cli.settings, folder / "map.json", "--resolution", "9px/0.01in", "--fov", "1in")
+    with pytest.raises(PlanningError, match="no setting of this lens satisfies the field of view"):
+        run(cli.settings, folder / "map.json", "--fov", "1 m")
+    with pytest.raises(InputError, match="nothing is required; give --resolution"):
+        run(cli.settings, folder / "map.json")
+    with pytest.raises(InputError, match="cannot read --resolution 'many/1in'"):
+        run(cli.settings, folder / "map.json", "--resolution", "many/1in")
+    with pytest.raises(UnitError, match="the length '0.01' has no unit"):
+        run(cli.settings, folder / "map.json", "--resolution", "3px/0.01")
+
+
+def test_plan_writes_the_viewpoints(folder) -> None:
+    done = run(cli.plan, folder / "task.toml", "-o", folder / "plan.json")
+    assert done.exit_code == 0
+    assert "Viewpoints top face" in done.output
+    body = read_document(folder / "plan.json", "plan", 1)
+    assert len(body["viewpoints"]) > 6
+    assert body["task"]["target_mm"]
+
+
+def test_plan_without_a_viewpoint_is_an_error(folder) -> None:
+    path = folder / "dark.toml"
+    path.write_text(
+        TASK.replace('high = ["30 cm", "80 cm", "1 m"]', 'high = ["30 cm", "80 cm", "9 cm"]')
+    )
+    with pytest.raises(
+        PlanningError, match="no viewpoint: visibility: at D from .* is in .*dark.json"
+    ):
+        run(cli.plan, path, "-o", folder / "dark.json")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('length = "1 in"', "length = 25.4", "requirements.1.field_of_view.length: .* its unit"),
+        ('"0.01 in"', '"0.01 parsec"', "unknown unit of length 'parsec'"),
+        ('unit = "mm"', 'unit = "mm"\ncolour = "red"', "colour: Extra inputs"),
+        ('unit = "mm"', "", "unit: Field required"),
+        ('kind = "resolution"', 'kind = "beauty"', "requirements.0: "),
+        ('near = ["0 mm", "0 mm", "0 mm"]', "", "target: give either near or vertices"),
+    ],
+)
+def test_task_files_that_are_not_understood(tmp_path, old: str, new: str, message: str) -> None:
+    path = tmp_path / "task.toml"
+    path.write_text(TASK.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError, match=f"the task .* cannot be used: .*{message}"):
+        load_task(path)
+
+
+def test_a_task_file_that_is_no_toml(tmp_path) -> None:
+    path = tmp_path / "task.toml"
+    path.write_text(TASK.replace("name = ", "name "), encoding="utf-8")
+    with pytest.raises(FileError, match="the task .* is no TOML"):
+        load_task(path)
+
+
+def test_task_file_must_exist(tmp_path) -> None:
+    with pytest.raises(FileError, match="cannot read the task .*: No such file"):
+        load_task(tmp_path / "none.toml")
+
+
+def test_target_by_vertices_and_feature_left_out(folder) -> None:
+    vertices = '[["-1 mm", "-1 mm", "0 mm"], ["1 mm", "-1 mm", "0 mm"], ["0 mm", "1 mm", "0 mm"]]'
+    text = TASK.replace('near = ["0 mm", "0 mm", "0 mm"]', f"vertices = {vertices}")
+    text = "\n".join(line for line in text.splitlines() if not line.startswith("feature"))
+    (folder / "small.toml").write_text(text, encoding="utf-8")
+    task, lens, _ = load_task(folder / "small.toml")
+    assert task.target.area_mm2 == pytest.approx(2)
+    assert task.seen_feature is task.target
+    assert lens.has_standoff
+
+
+@pytest.mark.parametrize("name", ["visibility", "settings", "plan", "demo"])
+def test_help_has_an_example(name: str) -> None:
+    done = run(getattr(cli, name), "--help")
+    assert "Example:" in done.output
+    assert f"lenscal {name}" in done.output
+
+
+def test_commands_import_nothing_heavy() -> None:
+    """Help is quick: neither numpy nor any of the geometry is loaded."""
+    code = "import sys, planning.cli; print({'numpy', 'trimesh', 'pydantic'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+def test_public_names_are_there() -> None:
+    import planning
+
+    for name in planning.__all__:
+        assert getattr(planning, name).__name__ == name
+    assert set(planning.__all__) <= set(dir(planning))
+    with pytest.raises(AttributeError, match="module 'planning' has no attribute 'nonsense'"):
+        planning.nonsense  # noqa: B018
