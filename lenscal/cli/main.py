@@ -83,8 +83,13 @@ def main() -> None:
     """Run the program; an error becomes one line and a non-zero status."""
     try:
         program(standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message())
+        sys.exit(error.exit_code)
     except click.ClickException as error:
-        error.show()
+        context = getattr(error, "ctx", None)
+        where = f"; see {context.command_path} --help" if context else ""
+        click.echo(f"lenscal: {error.format_message().rstrip('.')}{where}", err=True)
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         click.echo("lenscal: stopped; what was recorded so far is kept", err=True)

@@ -480,12 +480,15 @@ class LensMap:
         if outside == "nan":
             return np.where(inside, zooms, np.nan), np.where(inside, focuses, np.nan)
         first = np.flatnonzero(~inside.ravel())[0]
-        many = inside.size > 1
-        count = f"{(~inside).sum()} of {inside.size} settings lie" if many else "the setting lies"
+        named = f"zoom {zooms.ravel()[first]:g}, focus {focuses.ravel()[first]:g}"
+        which = (
+            f"the setting ({named}) lies"
+            if inside.size == 1
+            else f"{(~inside).sum()} of {inside.size} settings, the first at {named}, lie"
+        )
         raise OutOfDomainError(
-            f"{count} outside the map ({self.domain}), the first at zoom {zooms.ravel()[first]:g}, "
-            f"focus {focuses.ravel()[first]:g}; a map is never extrapolated: sample there, or ask "
-            'with outside="nan"',
+            f"{which} outside the map ({self.domain}); a map is never extrapolated: sample there, "
+            'or ask with outside="nan"',
             self.domain,
             ~inside,
         )

@@ -81,7 +81,9 @@ def test_wrong_words_are_usage_errors(words, message):
     done = lenscal(*words)
     assert done.returncode == 2
     assert message in done.stderr
-    assert "Traceback" not in done.stderr
+    assert done.stderr.startswith("lenscal: ")
+    assert done.stderr.count("\n") == 1
+    assert " --help" in done.stderr
 
 
 def test_without_a_command_the_program_shows_its_help():
