@@ -231,17 +231,18 @@ def _distances(
     reach = float(squared.max())
 
     def error(parameters: FloatArray) -> FloatArray:
-        # T_z / d, the well-known ratio, stands for T_z; κ1 is counted in its effect at the rim.
-        perspective, ratio, rim = parameters
-        ideal = turned[:, :2] / (turned[:, 2:] * perspective + ratio)
+        # T_z / d, the well-known ratio, stands for T_z; κ1 is counted in its effect at the rim; and
+        # the logarithm of 1/d keeps d positive.
+        log_perspective, ratio, rim = parameters
+        ideal = turned[:, :2] / (turned[:, 2:] * np.exp(log_perspective) + ratio)
         miss: FloatArray = (ideal - image * (1 + rim * squared / reach)).ravel()
         return miss
 
-    start = np.array([1.0 / distance, depth / distance, 0.0])
-    perspective, ratio, rim = least_squares(
-        error, start, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14, x_scale=[*start[:2], 1e-2]
+    start = np.array([-np.log(distance), depth / distance, 0.0])
+    scale = (1.0, depth / distance, 1e-2)
+    log_perspective, ratio, rim = least_squares(
+        error, start, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14, x_scale=scale
     ).x
-    if not perspective > 0:
-        raise DegenerateGeometryError(inseparable([guess], np.inf))
+    perspective = np.exp(log_perspective)
     pose = Pose(rotation, np.array([*shift, ratio / perspective]))
     return pose, float(1.0 / perspective), float(rim / reach)

@@ -5,11 +5,13 @@ import json
 import pytest
 
 from lenscal.calibration.table import CalibrationTable
-from lenscal.errors import SessionError
+from lenscal.errors import PlanningError, SessionError
 from lenscal.maps.lens_map import LensMap
 from lenscal.recording import Recording
 from lenscal.session.plan import SessionPlan
+from lenscal.workflow import CalibratedLens
 from planning import demo
+from planning.requirements.resolution import Resolution
 
 pytestmark = pytest.mark.timeout(600)
 
@@ -71,14 +73,15 @@ def test_a_folder_that_holds_something_is_left_alone(folder):
     assert (folder / "summary.json").read_bytes() == before
 
 
-def test_without_viewpoints_the_reason_is_told(monkeypatch, tmp_path, folder):
-    """A part that the camera cannot resolve finely enough, on the map that was just made."""
-    from planning.requirements.resolution import Resolution
-    from planning.task import Task
-
-    part = demo.example_part()
-    lens_map = LensMap.load(folder / "map.json")
-    task = Task(part.target, part.feature, [Resolution(9, 0.254, axis="x")], part.workspace)
-    found = demo.plan(task, lens_map, part.scene)
-    assert len(found.viewpoints) == 0
-    assert "resolution of 9 px on 0.254 mm along x" in found.why_empty
+def test_without_viewpoints_the_demo_says_why(monkeypatch, tmp_path, folder):
+    """Asked for more pixels than the lens can give, on the map that was just made."""
+    done = CalibratedLens(
+        Recording.load(folder / "session"),
+        CalibrationTable.load(folder / "table.csv"),
+        LensMap.load(folder / "map.json"),
+    )
+    monkeypatch.setattr(demo, "calibrate_lens", lambda *_, **__: done)
+    monkeypatch.setattr(demo, "REQUIREMENTS", [Resolution(9, 0.254, axis="x")])
+    with pytest.raises(PlanningError, match="found no viewpoint: no setting of this lens satisf"):
+        demo.run_demo(tmp_path / "out", seed=0)
+    assert (tmp_path / "out" / "plan.json").exists()

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lenscal.calibration.projection import PERSPECTIVE
 from lenscal.calibration.refine import calibrate_views, conclude, fit_poses
 from lenscal.calibration.rejection import Selection
 from lenscal.calibration.views import State, Views
@@ -277,7 +278,9 @@ def test_nonsense_is_refused(tele):
         calibrate_views(tele.points, nonsense, tele.camera.sensor)
 
 
-def test_a_fit_that_ran_out_of_steps_is_refused(tele):
+@pytest.fixture
+def solved(tele):
+    """Observations of the tele world, its true parameters, and which of them are estimated."""
     free = np.array([True, True, True, False, False, False, True])
     views = Views.pad(tele.points, tele.pixels, tele.camera.sensor.sample_pitch_mm)
     states = [
@@ -288,10 +291,25 @@ def test_a_fit_that_ran_out_of_steps_is_refused(tele):
         np.concatenate([s.rotations for s in states]),
         np.concatenate([s.placements for s in states]),
     )
+    return views, state, free
+
+
+def test_a_fit_that_ran_out_of_steps_is_refused(tele, solved):
+    views, state, free = solved
     unfinished = Selection(state, views.present, (), False)
     with pytest.raises(ConvergenceError, match="the fit did not settle; hold the") as caught:
         conclude(views, unfinished, tele.camera.sensor, free, 0)
     assert caught.value.best.image_distance_mm == pytest.approx(130.0)
+
+
+def test_a_camera_turned_inside_out_is_refused(tele, solved):
+    """Without perspective in the pictures a fit may end at an image distance below zero."""
+    views, state, free = solved
+    intrinsics = state.intrinsics.copy()
+    intrinsics[PERSPECTIVE] = -1e-9
+    backwards = Selection(replace(state, intrinsics=intrinsics), views.present, (), True)
+    with pytest.raises(DegenerateGeometryError, match="the image distance is not known at all"):
+        conclude(views, backwards, tele.camera.sensor, free, 0)
 
 
 def test_a_picture_given_twice_is_refused(tele):

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -240,3 +241,15 @@ def test_the_table_is_not_changed_through_its_copies(table):
     frame = table.to_dataframe()
     frame["zoom"] = -1.0
     assert (table.to_dataframe()["zoom"] > 0).all()
+
+
+def test_every_setting_of_the_shared_session_is_calibrated():
+    """Forty settings from 3.5° to 1° of view, whose weakest parameters hardly show."""
+    folder = Path(__file__).parents[3] / "data" / "vicon-1990"
+    table = calibrate_recording(Recording.load(folder / "session"))
+    assert table.failures == ()
+    kept = CalibrationTable.load(folder / "table.csv").to_dataframe()
+    found = table.to_dataframe()
+    for quantity in ("magnification", "object_distance_mm", "standoff_mm"):
+        sigma = kept[f"sigma_{quantity}"]
+        assert ((found[quantity] - kept[quantity]).abs() < 0.05 * sigma).all(), quantity

@@ -142,6 +142,26 @@ def test_a_plane_parallel_to_the_sensor_is_refused():
             )
 
 
+def test_when_not_even_the_sign_of_d_shows_the_error_says_so():
+    """Among noisy near-parallel views, some have their best d below zero."""
+    pose = Pose.from_rotation_vector((0.014, 0.01, 0.0), (3.0, 5.0, 900.0))
+    points, pixels, camera = _scene(pose, _plane(), k1=0.0)
+    messages = []
+    for seed in range(40):
+        noisy = pixels + np.random.default_rng(seed).normal(0.0, 1.0, pixels.shape)
+        with pytest.raises(DegenerateGeometryError) as caught:
+            calibrate_tsai(
+                points,
+                noisy,
+                SENSOR,
+                principal_point_px=camera.centre_px,
+                method="two_stage",
+            )
+        messages.append(str(caught.value))
+    assert all("f and T_z are inseparable" in message for message in messages)
+    assert any("not known at all" in message for message in messages)
+
+
 def test_points_on_a_line_are_refused():
     line = np.linspace(0, 1, 12)[:, None] * (50.0, 20.0, 0.0)
     with pytest.raises(DegenerateGeometryError, match="the 12 points lie on a line; spread them"):
