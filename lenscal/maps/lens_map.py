@@ -7,11 +7,10 @@ standoff — gets its uncertainty with all correlations.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +18,8 @@ import pandas as pd
 
 from lenscal.arrays import FloatArray, frozen_array
 from lenscal.camera import Camera
-from lenscal.document import Json, digest, read_document, write_document
-from lenscal.errors import FileError, InputError, MapError, OutOfDomainError
+from lenscal.document import digest
+from lenscal.errors import InputError, MapError, OutOfDomainError
 from lenscal.maps.domain import Domain
 from lenscal.maps.quantities import CAMERA_QUANTITIES, QUANTITIES, from_core
 from lenscal.maps.surface import Surfaces
@@ -31,9 +30,6 @@ if TYPE_CHECKING:
     from lenscal.maps.contours import SettingCurve
 
 Outside = Literal["raise", "nan"]
-
-KIND: Final = "lens-map"
-VERSION: Final = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,7 +375,9 @@ class LensMap:
     @property
     def digest(self) -> str:
         """SHA-256 of everything that the map says, for the evidence of what is made with it."""
-        return digest(self._body())
+        from lenscal.maps.map_file import to_json
+
+        return digest(to_json(self))
 
     def save(self, path: Path | str) -> Path:
         """Write the map to one JSON file that can be read and diffed.
@@ -394,7 +392,9 @@ class LensMap:
         Path
             The file.
         """
-        return write_document(path, KIND, VERSION, self._body())
+        from lenscal.maps.map_file import save
+
+        return save(self, path)
 
     @classmethod
     def load(cls, path: Path | str) -> LensMap:
@@ -409,51 +409,10 @@ class LensMap:
         -------
         LensMap
             The map that was saved.
-
-        Raises
-        ------
-        FileError
-            When the file cannot be used, or its samples do not give its coefficients.
         """
-        from lenscal.maps.fit import fit_lens_map
+        from lenscal.maps.map_file import load
 
-        body = read_document(path, KIND, VERSION)
-        setting = body["reference_setting"]
-        found = fit_lens_map(
-            pd.DataFrame(body["samples"]).astype({"zoom": float, "focus": float}),
-            sensor=body["sensor"] and Sensor(**body["sensor"]),
-            reference_setting=setting and LensSetting(*setting),
-            log_smoothing={n: s["log_smoothing"] for n, s in body["surfaces"].items()},
-        )
-        for name, stated in body["surfaces"].items():
-            surfaces = found.core if name == "core" else found.camera_surfaces[name]
-            if not np.allclose(surfaces.coefficients, stated["coefficients"], rtol=1e-6, atol=1e-9):
-                raise FileError(
-                    f"{path} disagrees with itself: its samples do not give its coefficients of "
-                    f"{name}; fit the map again from the table"
-                )
-        return found
-
-    def _body(self) -> Json:
-        sensor, setting = self.sensor, self.reference_setting
-        samples = self.samples.replace({np.nan: None}) if len(self.samples) else self.samples
-        surfaces = {"core": self.core, **self.camera_surfaces}
-        return {
-            "sensor": sensor and dataclasses.asdict(sensor),
-            "reference_setting": setting and dataclasses.astuple(setting),
-            "notes": list(self.notes),
-            "surfaces": {
-                name: {
-                    "zoom_knots": s.zoom.knots.tolist(),
-                    "focus_knots": s.focus.knots.tolist(),
-                    "degrees": [s.zoom.degree, s.focus.degree],
-                    "log_smoothing": s.log_smoothing.tolist(),
-                    "coefficients": s.coefficients.tolist(),
-                }
-                for name, s in surfaces.items()
-            },
-            "samples": {str(c): samples[c].tolist() for c in samples.columns},
-        }
+        return load(path)
 
     def _require(self, quantity: str) -> None:
         if quantity in self.quantities:

@@ -14,114 +14,19 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from scipy import linalg
-from scipy.interpolate import BSpline, NdBSpline
+from scipy.interpolate import NdBSpline
 from scipy.optimize import minimize
 
 from lenscal.arrays import FloatArray, frozen_array
 from lenscal.errors import MapError
+from lenscal.maps.spline_axis import SplineAxis, tensor_design
 
-#: More knot intervals than this per axis serve no lens and cost time.
-_MOST_INTERVALS: Final = 24
 #: Range of the logarithm of smoothing, about the value at which data and penalty weigh the same.
 _SMOOTHING_RANGE: Final = (-20.0, 15.0)
 #: Where the search for the smoothing starts.
 _SMOOTHING_STARTS: Final = (-12.0, -6.0, 0.0)
 #: Points whose variance is computed at a time, to bound the memory.
 _CHUNK: Final = 20_000
-
-
-@dataclass(frozen=True, eq=False)
-class SplineAxis:
-    """A spline basis along one motor.
-
-    Parameters
-    ----------
-    knots
-        (K + degree + 1,) knots in controller units, ends repeated.
-    degree
-        Degree of the pieces, at most 3; 0 means that the axis has one sampled value only.
-    """
-
-    knots: FloatArray
-    degree: int
-
-    @classmethod
-    def through(cls, values: FloatArray) -> SplineAxis:
-        """Make a basis that can follow the sampled values, with knots among them.
-
-        Parameters
-        ----------
-        values
-            (N,) sampled settings, in any order, repeated or not.
-
-        Returns
-        -------
-        SplineAxis
-            Cubic from four different values on, lower below.
-        """
-        unique = np.unique(values)
-        if len(unique) == 1:
-            return cls(np.array([unique[0] - 0.5, unique[0] + 0.5]), 0)
-        degree = min(3, len(unique) - 1)
-        breaks = unique
-        if len(unique) - 1 > _MOST_INTERVALS:
-            breaks = np.quantile(unique, np.linspace(0, 1, _MOST_INTERVALS + 1))
-        return cls(np.concatenate([[breaks[0]] * degree, breaks, [breaks[-1]] * degree]), degree)
-
-    @property
-    def size(self) -> int:
-        """Count of basis functions K."""
-        return len(self.knots) - self.degree - 1
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """First and last sampled value."""
-        if self.degree == 0:
-            middle = float(self.knots.mean())
-            return middle, middle
-        return float(self.knots[0]), float(self.knots[-1])
-
-    def design(self, values: FloatArray) -> FloatArray:
-        """Evaluate all basis functions.
-
-        Parameters
-        ----------
-        values
-            (N,) settings within the ends.
-
-        Returns
-        -------
-        FloatArray
-            (N, K).
-        """
-        inside = np.clip(values, self.knots[0], self.knots[-1])
-        matrix: FloatArray = BSpline.design_matrix(inside, self.knots, self.degree).toarray()
-        return matrix
-
-    def roughness(self) -> tuple[FloatArray, FloatArray]:
-        """Diagonalise the integral of the squared second derivative.
-
-        Returns
-        -------
-        basis : FloatArray
-            (K, K) whose columns are orthonormal functions over the axis, scaled to unit length.
-        eigenvalues : FloatArray
-            (K,) roughness of each column, ascending; 0 for constant and linear ones.
-        """
-        if self.degree < 2:
-            return np.eye(self.size), np.zeros(self.size)
-        span = self.knots[-1] - self.knots[0]
-        nodes, weights = np.polynomial.legendre.leggauss(self.degree + 1)
-        breaks = np.unique(self.knots)
-        half = np.diff(breaks)[:, None] / 2
-        where = (breaks[:-1, None] + half * (nodes + 1)).ravel()
-        weight = (half * weights).ravel() / span
-        values = self.design(where)
-        bend = span**2 * BSpline(self.knots, np.eye(self.size), self.degree).derivative(2)(where)
-        mass = values.T @ (weight[:, None] * values)
-        eigenvalues, basis = linalg.eigh(bend.T @ (weight[:, None] * bend), mass)
-        eigenvalues[:2] = 0.0
-        return basis, eigenvalues
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,27 +126,6 @@ class Surfaces:
                     result[part, i, j] = result[part, j, i] = shared
         result[unknown] = np.nan
         return result.reshape(*shape, count, count)
-
-
-def tensor_design(
-    zoom: SplineAxis, focus: SplineAxis, zooms: FloatArray, focuses: FloatArray
-) -> FloatArray:
-    """Evaluate all products of basis functions.
-
-    Parameters
-    ----------
-    zoom, focus
-        The axes.
-    zooms, focuses
-        (N,) settings.
-
-    Returns
-    -------
-    FloatArray
-        (N, K_zoom · K_focus).
-    """
-    product = zoom.design(zooms)[:, :, None] * focus.design(focuses)[:, None, :]
-    return product.reshape(len(zooms), -1)
 
 
 def fit_surfaces(
