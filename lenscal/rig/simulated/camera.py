@@ -112,6 +112,8 @@ class SimulatedCamera(CameraDevice):
             When the plate is where the lens is.
         InputError
             When the window leaves the frame.
+        OutOfRangeError
+            When the lens stands where no plane before it is sharp.
         """
         world, truth = self._world, self._world.lens_truth()
         view = window_inside(window, self.sensor)
@@ -124,6 +126,7 @@ class SimulatedCamera(CameraDevice):
             object_distance_mm=truth.object_distance_mm,
             entrance_pupil_diameter_mm=truth.entrance_pupil_diameter_mm,
             window=view,
+            falloff=truth.falloff,
         )
         electrons = self._detector.electrons(irradiance, self._exposure_s, truth.f_number)
         image = self._detector.read(electrons, world.rng)

@@ -1,4 +1,4 @@
-"""The motors of the simulated lens."""
+"""The simulated lens controller."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SETTLING_S: Final = 0.2
 
 
 class SimulatedLens(Lens):
-    """Motors that arrive exactly where they are sent, from either side.
+    """A controller that counts steps and never sees the glass.
 
     Parameters
     ----------
@@ -37,42 +37,33 @@ class SimulatedLens(Lens):
 
     @property
     def setting(self) -> LensSetting:
-        """Where the motors stand."""
-        return self._world.setting
+        """Where the motors stand, as the controller counts; `SimulatedRig.true_setting` knows."""
+        return self._world.motors.believed
 
     def move_to(
-        self,
-        setting: LensSetting,
-        approach: ApproachSide = ApproachSide.FROM_BELOW,  # noqa: ARG002 - no backlash, no side
+        self, setting: LensSetting, approach: ApproachSide = ApproachSide.FROM_BELOW
     ) -> LensSetting:
         """Drive the motors; the clock of the world advances by the time of the longest move.
+
+        A motor with slack overshoots where it has to, so that it always ends from the asked side.
 
         Parameters
         ----------
         setting
             Where to; an iris of None leaves the iris alone.
         approach
-            The side to arrive from; these motors have no backlash.
+            The side to arrive from.
 
         Returns
         -------
         LensSetting
-            Where they stand.
+            Where they stand by the count of the controller.
 
         Raises
         ------
         OutOfRangeError
             When the setting lies beyond the travel; nothing has moved then.
         """
-        self.travel.check(setting)
-        before = self._world.setting
-        target = setting if setting.iris is not None else setting.with_iris(before.iris)
-        moves = [
-            (target.zoom - before.zoom, self.travel.zoom),
-            (target.focus - before.focus, self.travel.focus),
-            ((target.iris or 0.0) - (before.iris or 0.0), self.travel.iris),
-        ]
-        longest = max(abs(way) / (high - low) for way, (low, high) in moves)
-        self._world.setting = target
+        longest = self._world.motors.move_to(setting, approach, self._world.rng)
         self._world.advance(_SETTLING_S + _FULL_TRAVEL_S * longest)
-        return target
+        return self.setting

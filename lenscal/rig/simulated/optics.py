@@ -140,6 +140,11 @@ class OpticalSystem:
         return float(abs(1.0 / self._from_stop[1, 1]))
 
     @property
+    def exit_pupil_distance_mm(self) -> float:
+        """Distance from the exit pupil to the sensor."""
+        return self.sensor_position_mm - self.exit_pupil_mm
+
+    @property
     def object_distance_mm(self) -> float:
         """Perspective D: distance from the sharp plane to the entrance pupil."""
         return self.working_distance_mm + self.entrance_pupil_mm - self.front_mm

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
 from lenscal.errors import InputError
-from lenscal.imaging.detector import Detector
 from lenscal.imaging.texture import TargetSurface
 from lenscal.plate import parse_target
 from lenscal.pose import Pose
 from lenscal.rig.interfaces import Rig
+from lenscal.rig.simulated.body import LensBody
 from lenscal.rig.simulated.camera import SimulatedCamera
 from lenscal.rig.simulated.lens import SimulatedLens
-from lenscal.rig.simulated.positioner import SimulatedPositioner, Workspace
-from lenscal.rig.simulated.vicon_1990 import vicon_lens
+from lenscal.rig.simulated.lens_truth import LensTruth
+from lenscal.rig.simulated.motor_faults import LensFaults
+from lenscal.rig.simulated.motors import LensMotors
+from lenscal.rig.simulated.positioner import SimulatedPositioner
+from lenscal.rig.simulated.presets import PRESETS
 from lenscal.rig.simulated.world import PoseNoise, World
-from lenscal.rig.simulated.zoom_lens import LensTruth, ZoomLens
 from lenscal.setting import LensSetting
 
 #: Scatter of every move of the arm, where the caller does not say.
@@ -27,41 +28,6 @@ REPEATABILITY: Final = PoseNoise(0.02, 1e-4)
 
 #: Error of the stated hand-eye calibration and of the taught place of the target.
 MOUNTING_ERROR: Final = PoseNoise(0.05, 2e-4)
-
-
-@dataclass(frozen=True, slots=True)
-class RigPreset:
-    """What makes one simulated rig different from another.
-
-    Parameters
-    ----------
-    lens
-        Makes its lens and sensor.
-    detector
-        The pixels of its camera.
-    target
-        The target on its bench, as `lenscal.plate.parse_target` reads it.
-    """
-
-    lens: Callable[[], ZoomLens]
-    detector: Detector
-    target: str
-
-
-PRESETS: Final[dict[str, RigPreset]] = {
-    "vicon-1990": RigPreset(
-        vicon_lens,
-        # White paper at f/8 fills half the well in 10 ms; 8 bits of a frame grabber.
-        Detector(
-            full_well_e=20_000.0,
-            read_noise_e=12.0,
-            black_level_dn=4.0,
-            bit_depth=8,
-            electrons_per_second=64e6,
-        ),
-        "charuco:17x13:3mm:2.25mm@0,0+disk:6mm@0,27",
-    )
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,19 +50,25 @@ class SimulatedRig(Rig):
         *,
         repeatability: PoseNoise = REPEATABILITY,
         mounting_error: PoseNoise = MOUNTING_ERROR,
+        faults: LensFaults = LensFaults(),  # noqa: B008 - frozen
+        focus_shift_dioptres: float = 0.0,
     ) -> SimulatedRig:
         """Build a rig, switched on, at its reference setting, facing the sharp target.
 
         Parameters
         ----------
         name
-            "vicon-1990".
+            "vicon-1990" or "machine-vision".
         seed
             Of everything random in it.
         repeatability
             Scatter of every move of the arm.
         mounting_error
             Scatter of the true hand-eye and of the true place of the target about the stated ones.
+        faults
+            What is wrong with the motors of the lens.
+        focus_shift_dioptres
+            How much larger 1/D is, in 1/m, with a closed iris than with an open one.
 
         Returns
         -------
@@ -113,48 +85,63 @@ class SimulatedRig(Rig):
                 f"there is no simulated rig {name!r}; the presets are {', '.join(PRESETS)}"
             )
         preset = PRESETS[name]
-        lens, target = preset.lens(), parse_target(preset.target)
+        lens = replace(preset.lens(), focus_shift_dioptres=focus_shift_dioptres)
+        target = parse_target(preset.target)
         reference, rng = lens.reference_setting, np.random.default_rng(seed)
-        hand_from_camera, base_from_target = _hand_from_camera(), _base_from_target()
         standoff = np.array([0.0, 0.0, lens.truth(reference).standoff_mm])
         facing = Pose(np.eye(3), standoff)
-        base_from_hand = base_from_target @ facing.inverse() @ hand_from_camera.inverse()
+        base_from_camera = preset.base_from_target @ facing.inverse()
         world = World(
             lens,
             TargetSurface(target),
-            hand_from_camera @ mounting_error.draw(rng),
-            base_from_target @ mounting_error.draw(rng),
-            base_from_hand,
-            reference,
+            preset.hand_from_camera @ mounting_error.draw(rng),
+            preset.base_from_target @ mounting_error.draw(rng),
+            base_from_camera @ preset.hand_from_camera.inverse(),
+            LensMotors.at(reference, lens.travel, faults),
             rng,
         )
         return cls(
             SimulatedLens(world),
             SimulatedCamera(world, preset.detector),
-            SimulatedPositioner(world, _workspace(), repeatability),
+            SimulatedPositioner(world, preset.workspace, repeatability),
             target,
             reference,
-            hand_from_camera,
-            base_from_target,
+            preset.hand_from_camera,
+            preset.base_from_target,
             {"rig": f"simulated {name}, seed {seed}"},
             world=world,
         )
 
+    @property
+    def body(self) -> LensBody:
+        """Front glass and barrel of the lens, for planning clearance."""
+        return self.world.lens.body
+
     def truth(self, setting: LensSetting) -> LensTruth:
-        """Tell the truth about a setting.
+        """Tell the truth about a setting at which the glass would truly stand.
 
         Parameters
         ----------
         setting
-            A setting within the travel; an iris of None means the iris as it stands.
+            A setting within the travel; an iris of None means the iris as the controller has it.
 
         Returns
         -------
         LensTruth
             The truth.
         """
-        iris = self.world.setting.iris if setting.iris is None else setting.iris
+        iris = self.lens.setting.iris if setting.iris is None else setting.iris
         return self.world.lens.truth(setting.with_iris(iris))
+
+    def true_setting(self) -> LensSetting:
+        """Tell where the glass really stands, whatever the controller believes.
+
+        Returns
+        -------
+        LensSetting
+            The truth.
+        """
+        return self.world.true_setting
 
     def true_camera_from_target(self) -> Pose:
         """Tell where the target truly is in the frame of the camera as the lens stands.
@@ -165,19 +152,3 @@ class SimulatedRig(Rig):
             The truth.
         """
         return self.world.camera_from_target()
-
-
-def _hand_from_camera() -> Pose:
-    """Place the camera in the hand: beside and ahead of it, a quarter turn about the axis."""
-    return Pose.from_rotation_vector([0.0, 0.0, np.pi / 2], [30.0, -20.0, 80.0])
-
-
-def _base_from_target() -> Pose:
-    """Lay the plate on the bench: face up, so that its z axis points down, and turned a little."""
-    face_up = Pose.from_rotation_vector([np.pi, 0.0, 0.0], [600.0, 100.0, 200.0])
-    return face_up @ Pose.from_rotation_vector([0.0, 0.0, np.radians(8.0)])
-
-
-def _workspace() -> Workspace:
-    """Reach that holds cameras 200 to 900 mm above the plate, tilted up to 35 degrees about it."""
-    return Workspace(np.array([-100.0, -600.0, 250.0]), np.array([1300.0, 800.0, 1300.0]), 45.0)

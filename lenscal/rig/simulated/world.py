@@ -8,7 +8,9 @@ import numpy as np
 
 from lenscal.imaging.texture import TargetSurface
 from lenscal.pose import Pose
-from lenscal.rig.simulated.zoom_lens import LensTruth, ZoomLens
+from lenscal.rig.simulated.lens_truth import LensTruth
+from lenscal.rig.simulated.motors import LensMotors
+from lenscal.rig.simulated.zoom_lens import ZoomLens
 from lenscal.setting import LensSetting
 
 
@@ -60,8 +62,8 @@ class World:
         True place of the target.
     base_from_hand
         True place of the hand now.
-    setting
-        Where the motors of the lens stand now, iris included.
+    motors
+        The motors of the lens: where they are believed to stand, and where the glass is.
     rng
         Source of all randomness.
     clock_s
@@ -73,7 +75,7 @@ class World:
     hand_from_camera: Pose
     base_from_target: Pose
     base_from_hand: Pose
-    setting: LensSetting
+    motors: LensMotors
     rng: np.random.Generator
     clock_s: float = 0.0
 
@@ -87,15 +89,25 @@ class World:
         """
         self.clock_s += duration_s
 
+    @property
+    def true_setting(self) -> LensSetting:
+        """Where the glass really is now."""
+        return self.motors.true_setting(self.clock_s)
+
     def lens_truth(self) -> LensTruth:
-        """Compute the truth about the lens as it stands.
+        """Compute the truth about the lens as its glass stands.
 
         Returns
         -------
         LensTruth
             The truth.
+
+        Raises
+        ------
+        OutOfRangeError
+            When nothing is sharp there, see `ZoomLens.truth`.
         """
-        return self.lens.truth(self.setting)
+        return self.lens.truth(self.true_setting)
 
     def camera_from_target(self) -> Pose:
         """Tell where the target is as the lens stands.
@@ -108,7 +120,7 @@ class World:
         Pose
             The truth.
         """
-        offset_mm = self.lens_truth().nodal_offset_mm
+        offset_mm = self.lens.nodal_offset_mm(self.true_setting)
         reference_from_camera = Pose(np.eye(3), np.array([0.0, 0.0, -offset_mm]))
         base_from_camera = self.base_from_hand @ self.hand_from_camera @ reference_from_camera
         return base_from_camera.inverse() @ self.base_from_target

@@ -10,8 +10,12 @@ import numpy as np
 
 from lenscal.arrays import FloatArray, frozen_array
 from lenscal.camera import Camera
-from lenscal.errors import InputError
+from lenscal.errors import InputError, OutOfRangeError
 from lenscal.optics import focal_length_mm
+from lenscal.rig.simulated.body import LensBody
+from lenscal.rig.simulated.focus_strip import interval_between
+from lenscal.rig.simulated.laws import Imperfections
+from lenscal.rig.simulated.lens_truth import LensTruth
 from lenscal.rig.simulated.optics import OpticalSystem, ThinGroup
 from lenscal.sensor import Sensor
 from lenscal.setting import LensSetting, LensTravel
@@ -21,6 +25,8 @@ Cam = Callable[[FloatArray, FloatArray], FloatArray]
 
 #: Settings per axis at which a description is searched for collisions.
 _CHECKS: Final = (263, 29)
+#: Sharp planes farther than this are no use on a bench; nor are those beyond infinity.
+FARTHEST_MM: Final = 20_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +48,22 @@ class MovingGroup:
     cam: Cam
 
 
+def standing_still(position_mm: float) -> Cam:
+    """Make the cam of a group that neither zoom nor focus moves.
+
+    Parameters
+    ----------
+    position_mm
+        Where it stands.
+
+    Returns
+    -------
+    Cam
+        The cam.
+    """
+    return lambda zoom, focus: np.asarray(position_mm)  # noqa: ARG005
+
+
 @dataclass(frozen=True, slots=True)
 class ZoomLens:
     """The description of a programmable zoom lens on a camera.
@@ -57,7 +79,7 @@ class ZoomLens:
     stop_group
         Name of the group whose cell carries the stop.
     stop_behind_mm
-        How far behind that group the stop stands.
+        How far behind that group the stop stands; negative in front of it.
     stop_diameter_mm
         Diameter of the stop per unit of the iris setting.
     sensor_position_mm
@@ -68,10 +90,14 @@ class ZoomLens:
         The sensor behind the lens.
     reference_setting
         The setting that nodal offsets are counted from.
-    k1_per_mm2
-        κ1 of the distortion as a function of the shares of the travel of zoom and focus, 0 to 1.
-    principal_point_shift_px
-        (2,) way of the principal point from the centre of the frame, of the same shares.
+    imperfections
+        What it does beyond Gaussian optics.
+    body
+        What it looks like from outside.
+    focus_shift_dioptres
+        Spherical aberration as a photographer meets it: how much larger 1/D is, in 1/m, with a
+        closed iris than with an open one, in proportion to the way of the iris from its high end.
+        The projection stays, only the sharp plane moves.
 
     Raises
     ------
@@ -89,8 +115,9 @@ class ZoomLens:
     clearance_mm: float
     sensor: Sensor
     reference_setting: LensSetting
-    k1_per_mm2: Callable[[float, float], float]
-    principal_point_shift_px: Callable[[float, float], FloatArray]
+    imperfections: Imperfections
+    body: LensBody
+    focus_shift_dioptres: float = 0.0
 
     def __post_init__(self) -> None:
         if self.stop_group not in [group.name for group in self.groups]:
@@ -127,6 +154,27 @@ class ZoomLens:
         stop_mm = groups[self.stop_group].position_mm + self.stop_behind_mm
         return OpticalSystem(tuple(groups.values()), stop_mm, self.sensor_position_mm)
 
+    def nodal_offset_mm(self, setting: LensSetting) -> float:
+        """Tell how far the projection centre lies behind that of the reference setting.
+
+        Parameters
+        ----------
+        setting
+            A setting within the travel, whether it can be focused there or not.
+
+        Returns
+        -------
+        float
+            Way of the entrance pupil; positive = further from the object.
+
+        Raises
+        ------
+        OutOfRangeError
+            When the setting lies beyond the travel.
+        """
+        reference = self.system(self.reference_setting)
+        return self.system(setting).entrance_pupil_mm - reference.entrance_pupil_mm
+
     def truth(self, setting: LensSetting) -> LensTruth:
         """Compute everything about a setting.
 
@@ -145,35 +193,120 @@ class ZoomLens:
         InputError
             When the iris is not stated.
         OutOfRangeError
-            When the setting lies beyond the travel.
+            When the setting lies beyond the travel, or nothing between the front glass and
+            `FARTHEST_MM` is sharp there; ``allowed`` are the focus settings of this zoom then.
         """
         if setting.iris is None:
             raise InputError(f"the truth about {setting} needs the iris too; use with_iris")
         system = self.system(setting)
-        magnification = abs(system.lateral_magnification)
-        object_mm = system.object_distance_mm
-        image_mm = object_mm * magnification
-        offset_mm = system.entrance_pupil_mm - self.system(self.reference_setting).entrance_pupil_mm
-        shares = (
+        object_mm = 1.0 / self._vergence_per_mm(system, setting.iris)
+        front_depth_mm = system.entrance_pupil_mm - system.front_mm
+        if not max(0.0, front_depth_mm) < object_mm <= FARTHEST_MM * (1.0 + 1e-9):
+            raise self._nothing_sharp(setting, object_mm)
+        image_mm = abs(system.object_distance_mm * system.lateral_magnification)
+        offset_mm = self.nodal_offset_mm(setting)
+        u, w = (
             _share(setting.zoom, self.travel.zoom),
             _share(setting.focus, self.travel.focus),
         )
-        principal_point = self.sensor.centre_px + self.principal_point_shift_px(*shares)
+        law = self.imperfections
+        principal_point = self.sensor.centre_px + law.principal_point_shift_px(u, w)
         stop_mm = self.stop_diameter_mm * setting.iris
         return LensTruth(
             setting=setting,
-            magnification=magnification,
+            magnification=image_mm / object_mm,
             object_distance_mm=object_mm,
             image_distance_mm=image_mm,
             focal_length_mm=float(focal_length_mm(object_mm, image_mm)),
             nodal_offset_mm=offset_mm,
             standoff_mm=object_mm - offset_mm,
-            working_distance_mm=system.working_distance_mm,
+            working_distance_mm=object_mm - front_depth_mm,
             gaussian_focal_length_mm=system.gaussian_focal_length_mm,
-            principal_object_distance_mm=system.principal_object_distance_mm,
+            principal_object_distance_mm=(
+                object_mm + system.front_principal_mm - system.entrance_pupil_mm
+            ),
             entrance_pupil_diameter_mm=stop_mm * system.entrance_pupil_magnification,
+            exit_pupil_diameter_mm=stop_mm * system.exit_pupil_magnification,
+            exit_pupil_distance_mm=system.exit_pupil_distance_mm,
+            falloff=law.falloff(u, w, _share(setting.iris, self.travel.iris), self.sensor),
             principal_point_px=frozen_array("principal_point_px", principal_point, (2,)),
-            camera=Camera(self.sensor, image_mm, self.k1_per_mm2(*shares), principal_point),
+            camera=Camera(self.sensor, image_mm, law.k1_per_mm2(u, w), principal_point),
+        )
+
+    def focus_range(
+        self,
+        zoom: float,
+        nearest_mm: float = 1.0,
+        farthest_mm: float = FARTHEST_MM,
+        *,
+        iris: float | None = None,
+    ) -> tuple[float, float]:
+        """Tell which focus settings give object distances within limits at a zoom.
+
+        Parameters
+        ----------
+        zoom
+            Within the travel.
+        nearest_mm, farthest_mm
+            Limits of D; nothing nearer than the front glass counts.
+        iris
+            Matters only with a focus shift; None for open.
+
+        Returns
+        -------
+        low, high : float
+            Focus settings, ends included.
+
+        Raises
+        ------
+        InputError
+            When there is no such focus setting, or the limits are not in order.
+        OutOfRangeError
+            When the zoom lies beyond the travel.
+        """
+        if not 0 < nearest_mm < farthest_mm:
+            raise InputError(
+                "object distances must run from a positive nearest_mm to a larger farthest_mm, "
+                f"but are {nearest_mm:g} to {farthest_mm:g} mm"
+            )
+        opening = self.travel.iris[1] if iris is None else iris
+
+        def system(focus: float) -> OpticalSystem:
+            return self.system(LensSetting(zoom, focus, opening))
+
+        def nearest_vergence(focus: float) -> float:
+            here = system(focus)
+            return 1.0 / max(nearest_mm, here.entrance_pupil_mm - here.front_mm)
+
+        found = interval_between(
+            lambda focus: self._vergence_per_mm(system(focus), opening),
+            lambda _: 1.0 / farthest_mm,
+            nearest_vergence,
+            self.travel.focus,
+        )
+        if found is None:
+            raise InputError(
+                f"at zoom {zoom:g} no focus between {self.travel.focus[0]:g} and "
+                f"{self.travel.focus[1]:g} gives an object distance of {nearest_mm:g} to "
+                f"{farthest_mm:g} mm before the front glass; take another zoom or wider limits"
+            )
+        return found
+
+    def _vergence_per_mm(self, system: OpticalSystem, iris: float) -> float:
+        """Give 1/D with the focus shift; negative when the sharp plane lies beyond infinity."""
+        closed = 1.0 - iris / self.travel.iris[1]
+        return 1.0 / system.object_distance_mm + 1e-3 * self.focus_shift_dioptres * closed
+
+    def _nothing_sharp(self, setting: LensSetting, object_mm: float) -> OutOfRangeError:
+        """Say why there is no truth, and which focus has one."""
+        low, high = self.focus_range(setting.zoom, iris=setting.iris)
+        where = "beyond infinity" if object_mm < 0 else f"at {object_mm:.0f} mm"
+        return OutOfRangeError(
+            f"focus {setting.focus:g} at zoom {setting.zoom:g} puts the sharp plane {where}, not "
+            f"between the front glass and {FARTHEST_MM:g} mm; at this zoom the focus can go from "
+            f"{low:.1f} to {high:.1f}",
+            setting.focus,
+            (low, high),
         )
 
     def _refuse_collisions(self) -> None:
@@ -194,66 +327,6 @@ class ZoomLens:
                     f"focus {focus[worst]:g}: their gap is {gap[worst]:.2f} mm and must be "
                     f"{self.clearance_mm:g} mm; shorten the travel or change the cams"
                 )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LensTruth:
-    """What is true of a lens at one setting; only a simulation knows it.
-
-    Parameters
-    ----------
-    setting
-        The setting, iris included.
-    magnification
-        d/D, in the sharp plane.
-    object_distance_mm
-        D, from the sharp plane to the entrance pupil.
-    image_distance_mm
-        d = D · (d/D), the camera constant.
-    focal_length_mm
-        f of (3a), 1/f = 1/D + 1/d; not the Gaussian one.
-    nodal_offset_mm
-        How far the entrance pupil lies behind that of the reference setting; positive = further
-        from the object.
-    standoff_mm
-        D − offset, from the sharp plane to the reference projection centre.
-    working_distance_mm
-        From the sharp plane to the front of the lens.
-    gaussian_focal_length_mm
-        Between principal planes, with its sign.
-    principal_object_distance_mm
-        From the sharp plane to the front principal plane.
-    entrance_pupil_diameter_mm
-        a at this iris.
-    principal_point_px
-        (2,) where the axis meets the image.
-    camera
-        The pinhole with distortion that maps rays through the entrance pupil to pixels.
-    """
-
-    setting: LensSetting
-    magnification: float
-    object_distance_mm: float
-    image_distance_mm: float
-    focal_length_mm: float
-    nodal_offset_mm: float
-    standoff_mm: float
-    working_distance_mm: float
-    gaussian_focal_length_mm: float
-    principal_object_distance_mm: float
-    entrance_pupil_diameter_mm: float
-    principal_point_px: FloatArray
-    camera: Camera
-
-    @property
-    def f_number(self) -> float:
-        """Working f-number d/a."""
-        return self.image_distance_mm / self.entrance_pupil_diameter_mm
-
-    @property
-    def front_depth_mm(self) -> float:
-        """Depth of the front of the lens in the camera frame: nearer than that nothing can be."""
-        return self.object_distance_mm - self.working_distance_mm
 
 
 def _share(value: float, travel: tuple[float, float]) -> float:

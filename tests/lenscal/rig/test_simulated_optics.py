@@ -100,6 +100,32 @@ def test_the_entrance_pupil_is_the_image_of_the_stop(system, start_mm):
     assert abs(crossed) == pytest.approx(1 / system.entrance_pupil_magnification, rel=1e-6)
 
 
+@quick
+@given(systems())
+def test_both_pupils_give_the_same_working_f_number(system):
+    """d/a with the perspective d is the cone that the exit pupil sends to the sensor."""
+    assume(1e-2 < system.exit_pupil_magnification < 1e2)
+    image_mm = abs(system.object_distance_mm * system.lateral_magnification)
+    from_before = image_mm / system.entrance_pupil_magnification
+    from_behind = abs(system.exit_pupil_distance_mm) / system.exit_pupil_magnification
+    assert from_behind == pytest.approx(from_before, rel=1e-5)
+
+
+@quick
+@given(systems(), st.floats(-3, 3))
+def test_the_exit_pupil_is_the_image_of_the_stop(system, slope):
+    """A ray through the middle of the stop leaves as if from the middle of the exit pupil."""
+    height, here_mm = 0.0, system.stop_position_mm
+    for group in system.groups:
+        if group.position_mm <= system.stop_position_mm:
+            continue
+        height += slope * (group.position_mm - here_mm)
+        here_mm = group.position_mm
+        slope -= height / group.focal_length_mm
+    assume(abs(system.exit_pupil_distance_mm) < 1e5)
+    assert abs(height + slope * (system.exit_pupil_mm - here_mm)) < 1e-6 * (1 + abs(height))
+
+
 def test_one_thin_lens_with_the_stop_on_it():
     system = OpticalSystem((ThinGroup(50.0, 0.0),), 0.0, 60.0)
     assert system.gaussian_focal_length_mm == pytest.approx(50)

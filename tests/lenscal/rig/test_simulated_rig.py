@@ -148,6 +148,26 @@ def test_light_follows_exposure_and_aperture():
     assert white_dn(100, 1.0) == 251
 
 
+def test_corners_are_darker_as_the_truth_has_it():
+    """The bench far beside the plate is even, so only the fall-off of the light is left."""
+    rig = SimulatedRig.preset("vicon-1990", seed=1)
+    setting = LensSetting(45, 20, 100)
+    rig.lens.move_to(setting)
+    rig.positioner.move_to(hand_for(rig, Pose(np.eye(3), np.array([300.0, 0.0, 500.0]))))
+    rig.camera.set_exposure_s(0.003)
+    image = np.mean([rig.camera.grab().image for _ in range(3)], axis=0) - 4.0
+    truth = rig.truth(setting)
+    rows, columns = np.indices(image.shape)
+    x_mm = (columns - truth.principal_point_px[0]) * truth.camera.sensor.sample_pitch_x_mm
+    y_mm = (rows - truth.principal_point_px[1]) * truth.camera.sensor.sample_pitch_y_mm
+    squared = x_mm**2 + y_mm**2
+    terms = np.stack([np.ones(image.size), squared.ravel(), squared.ravel() ** 2], axis=-1)
+    axis, *bends = np.linalg.lstsq(terms, image.ravel(), rcond=None)[0]
+    corner = np.array([squared.max(), squared.max() ** 2])
+    assert bends @ corner / axis == pytest.approx(truth.falloff @ corner, abs=0.005)
+    assert truth.falloff @ corner < -0.1
+
+
 def test_an_exposure_out_of_range_is_refused(rig):
     before = rig.camera.exposure_s
     with pytest.raises(OutOfRangeError, match="an exposure of 5 s lies outside 1e-05 to 2 s"):

@@ -1,6 +1,7 @@
 """The preset against the paper and against what a zoom lens has to do."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -36,6 +37,91 @@ def test_viewpoints_of_the_paper(zoom, focus, magnification, object_distance_in,
     assert truth.standoff_mm / MM_PER_INCH == pytest.approx(
         object_distance_in - offset_in, abs=0.15
     )
+
+
+def test_the_focal_length_without_close_up_runs_from_about_12_5_to_75_mm():
+    bare = replace(LENS, groups=LENS.groups[1:])
+    zooms = np.linspace(*TRAVEL.zoom, 60)
+    lengths = np.abs(
+        [
+            [bare.system(LensSetting(z, focus)).gaussian_focal_length_mm for z in zooms]
+            for focus in np.linspace(*TRAVEL.focus, 5)
+        ]
+    )
+    assert (np.diff(lengths, axis=1) > 0).all()
+    assert lengths[:, 0] == pytest.approx(12.5, rel=0.18)
+    assert lengths[:, -1] == pytest.approx(75.0, rel=0.13)
+
+
+def test_groups_keep_apart_over_the_travel():
+    zoom, focus = np.meshgrid(np.linspace(*TRAVEL.zoom, 400), np.linspace(*TRAVEL.focus, 60))
+    places = [np.broadcast_to(g.cam(zoom, focus), zoom.shape) for g in LENS.groups]
+    gaps = [(b - a).min() for a, b in pairwise(places)]
+    assert min(gaps) > 3.0
+    assert gaps[0] > 5.4
+
+
+def test_the_stated_front_glass_is_where_the_lens_has_it():
+    assert LENS.body.front_mm == pytest.approx(LENS.truth(REFERENCE).front_depth_mm, abs=1e-6)
+    assert LENS.body.glass_radius_mm < LENS.body.barrel_radius_mm
+
+
+@pytest.mark.parametrize("setting", GRID[::7], ids=str)
+def test_the_front_glass_is_large_enough(setting):
+    """Rays to the corner of the image pass it, and their bundle wide open on the axis."""
+    truth = LENS.truth(setting.with_iris(100.0))
+    share = truth.working_distance_mm / truth.object_distance_mm
+    chief = np.hypot(LENS.sensor.width_mm, LENS.sensor.height_mm) / 2 / truth.image_distance_mm
+    height_mm = chief * truth.front_depth_mm
+    assert height_mm + share * truth.entrance_pupil_diameter_mm / 2 < LENS.body.glass_radius_mm
+
+
+@pytest.mark.parametrize("setting", GRID[::9], ids=str)
+def test_depth_of_field_is_where_the_blur_is_what_is_permitted(setting):
+    truth = LENS.truth(setting)
+    near, far = truth.depth_of_field_mm(0.02)
+    for depth in (near, far):
+        blur = truth.entrance_pupil_diameter_mm * truth.image_distance_mm
+        blur *= abs(1 / depth - 1 / truth.object_distance_mm)
+        assert blur == pytest.approx(0.02)
+    assert near < truth.object_distance_mm < far
+
+
+def test_the_working_f_number_is_that_of_the_exit_pupil():
+    truth = LENS.truth(LensSetting(98, 131, 50))
+    from_behind = truth.exit_pupil_distance_mm / truth.exit_pupil_diameter_mm
+    assert truth.f_number == pytest.approx(from_behind)
+
+
+def test_a_depth_of_field_needs_a_blur():
+    with pytest.raises(InputError, match="blur_mm"):
+        LENS.truth(LensSetting(98, 131, 50)).depth_of_field_mm(0.0)
+
+
+def test_light_falls_off_most_at_the_wide_end_wide_open():
+    corner_mm2 = (LENS.sensor.width_mm**2 + LENS.sensor.height_mm**2) / 4
+
+    def loss(zoom, iris):
+        c2, c4 = LENS.truth(LensSetting(zoom, 70, iris)).falloff
+        return -(c2 * corner_mm2 + c4 * corner_mm2**2)
+
+    losses = np.array([[loss(z, i) for i in (5, 50, 100)] for z in np.linspace(45, 110, 9)])
+    assert (np.diff(losses, axis=0) < 0).all()
+    assert (np.diff(losses, axis=1) > 0).all()
+    assert 0.015 < losses.min() < losses.max() < 0.2
+
+
+def test_the_focus_shift_moves_the_sharp_plane_and_nothing_else():
+    shifted = replace(LENS, focus_shift_dioptres=0.05)
+    setting = LensSetting(98, 131)
+    open_, half = (shifted.truth(setting.with_iris(i)) for i in (100.0, 50.0))
+    plain = LENS.truth(setting.with_iris(50.0))
+    assert open_.object_distance_mm == pytest.approx(plain.object_distance_mm, rel=1e-12)
+    dioptres = 1000 / half.object_distance_mm - 1000 / open_.object_distance_mm
+    assert dioptres == pytest.approx(0.05 * 0.5)
+    assert half.camera.image_distance_mm == plain.camera.image_distance_mm
+    assert half.nodal_offset_mm == plain.nodal_offset_mm
+    assert half.magnification * half.object_distance_mm == pytest.approx(half.image_distance_mm)
 
 
 def test_the_reference_has_no_offset_and_its_pupil_where_the_search_put_it():
@@ -112,7 +198,7 @@ def test_the_nearest_thing_is_the_front_glass():
 
 
 def test_colliding_groups_are_refused():
-    with pytest.raises(InputError, match=r"collide at zoom 113, focus .* must be 1\.9 mm"):
+    with pytest.raises(InputError, match=r"collide at zoom 113, focus .* must be 2 mm"):
         replace(LENS, travel=LensTravel((45.0, 113.0), (0.0, 140.0), (5.0, 100.0)))
 
 
