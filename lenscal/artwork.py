@@ -1,64 +1,216 @@
-"""Drawing of flat patterns, texel by texel: what a printer would put on the plate."""
+"""Drawing of flat patterns, texel by texel: what a printer would put on the plate.
+
+Every texel is the mean over its area, whatever the resolution and whatever part is drawn.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from lenscal.arrays import FloatArray, IntArray
+from lenscal.arrays import FloatArray
 
 #: (rows, columns) reflectance, 0 black to 255 white.
 Artwork = npt.NDArray[np.uint8]
 
 
-def blank(size_mm: tuple[float, float], texels_per_mm: int) -> Artwork:
-    """Make white paper.
+@dataclass(frozen=True, slots=True)
+class TexelGrid:
+    """Square texels over a part of the plane of a target.
 
     Parameters
     ----------
-    size_mm
-        Width and height.
+    left_mm, top_mm
+        Outer corner of the first texel in the target frame.
     texels_per_mm
         Resolution.
+    columns, rows
+        Count of texels.
+    """
+
+    left_mm: float
+    top_mm: float
+    texels_per_mm: float
+    columns: int
+    rows: int
+
+    @classmethod
+    def over(cls, size_mm: tuple[float, float], texels_per_mm: float) -> TexelGrid:
+        """Cover a sheet about the origin.
+
+        Parameters
+        ----------
+        size_mm
+            Width and height of the sheet.
+        texels_per_mm
+            Resolution.
+
+        Returns
+        -------
+        TexelGrid
+            The whole number of texels that is nearest to the size.
+        """
+        columns, rows = (round(side * texels_per_mm) for side in size_mm)
+        return cls(
+            -columns / texels_per_mm / 2, -rows / texels_per_mm / 2, texels_per_mm, columns, rows
+        )
+
+    @property
+    def x_edges_mm(self) -> FloatArray:
+        """(columns + 1,) borders between texels."""
+        return self.left_mm + np.arange(self.columns + 1) / self.texels_per_mm
+
+    @property
+    def y_edges_mm(self) -> FloatArray:
+        """(rows + 1,) borders between texels."""
+        return self.top_mm + np.arange(self.rows + 1) / self.texels_per_mm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mosaic:
+    """Rectangles of grey on white paper: squares, and the cells of markers.
+
+    Parameters
+    ----------
+    cells
+        (rows, columns) reflectance of each, 0 to 255.
+    x_edges_mm, y_edges_mm
+        (columns + 1,) and (rows + 1,) ascending borders between them in the target frame.
+    """
+
+    cells: Artwork
+    x_edges_mm: FloatArray
+    y_edges_mm: FloatArray
+
+    def moved(self, x_mm: float, y_mm: float) -> Mosaic:
+        """Shift the pattern.
+
+        Parameters
+        ----------
+        x_mm, y_mm
+            By how much.
+
+        Returns
+        -------
+        Mosaic
+            The shifted pattern.
+        """
+        return Mosaic(self.cells, self.x_edges_mm + x_mm, self.y_edges_mm + y_mm)
+
+    def draw_into(self, drawing: Artwork, grid: TexelGrid) -> None:
+        """Draw the pattern.
+
+        Parameters
+        ----------
+        drawing
+            White paper; it is drawn into.
+        grid
+            Where its texels lie.
+        """
+        columns, cell_columns, across = _overlaps(self.x_edges_mm, grid.x_edges_mm)
+        rows, cell_rows, down = _overlaps(self.y_edges_mm, grid.y_edges_mm)
+        if not (across.size and down.size):
+            return
+        ink = (255 - self.cells[cell_rows, cell_columns].astype(np.float32)) @ across
+        # Most rows of texels lie in one row of cells: those are copied, the others mixed.
+        inner = drawing[rows, columns]
+        cell_row, share = down.argmax(axis=0), down.max(axis=0)
+        np.take(_grey(ink), cell_row, axis=0, out=inner, mode="clip")
+        mixed = np.flatnonzero(share < 1 - 1e-6)
+        inner[mixed] = _grey(down[:, mixed].T @ ink)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dots:
+    """Round black dots on white paper.
+
+    Parameters
+    ----------
+    centres_mm
+        (N, 2) centres in the target frame.
+    diameter_mm
+        Their diameter.
+    """
+
+    centres_mm: FloatArray
+    diameter_mm: float
+
+    def moved(self, x_mm: float, y_mm: float) -> Dots:
+        """Shift the dots.
+
+        Parameters
+        ----------
+        x_mm, y_mm
+            By how much.
+
+        Returns
+        -------
+        Dots
+            The shifted dots.
+        """
+        return Dots(self.centres_mm + np.array([x_mm, y_mm]), self.diameter_mm)
+
+    def draw_into(self, drawing: Artwork, grid: TexelGrid) -> None:
+        """Draw the dots; texels on a rim are grey in proportion to the share that is covered.
+
+        Parameters
+        ----------
+        drawing
+            White paper; it is drawn into.
+        grid
+            Where its texels lie.
+        """
+        scale = grid.texels_per_mm
+        radius = self.diameter_mm / 2 * scale
+        for centre in (self.centres_mm - (grid.left_mm, grid.top_mm)) * scale - 0.5:
+            first = np.maximum(np.floor(centre - radius - 1).astype(int), 0)
+            last = np.minimum(
+                np.ceil(centre + radius + 1).astype(int), (grid.columns - 1, grid.rows - 1)
+            )
+            if (last < first).any():
+                continue
+            x, y = (
+                (np.arange(low, high + 1) - middle).astype(np.float32)
+                for low, high, middle in zip(first, last, centre, strict=True)
+            )
+            part = drawing[first[1] : last[1] + 1, first[0] : last[0] + 1]
+            squared = x**2 + (y**2)[:, None]
+            part[squared < max(radius - 1, 0) ** 2] = 0
+            rim = np.abs(squared - (radius**2 + 1)) <= 2 * radius
+            covered = np.clip(radius - np.sqrt(squared[rim]) + 0.5, 0.0, 1.0)
+            part[rim] = np.round(255 * (1 - covered))
+
+
+#: What can be printed.
+Pattern = Mosaic | Dots
+
+
+def draw(patterns: Sequence[Pattern], grid: TexelGrid) -> Artwork:
+    """Draw patterns on white paper.
+
+    Parameters
+    ----------
+    patterns
+        What is printed; their rectangles do not overlap.
+    grid
+        The texels wanted.
 
     Returns
     -------
     Artwork
-        (rows, columns) of 255.
+        (rows, columns) reflectance.
     """
-    x, y = texel_centres(size_mm, texels_per_mm)
-    return np.full((len(y), len(x)), 255, np.uint8)
+    drawing = np.full((grid.rows, grid.columns), 255, np.uint8)
+    for pattern in patterns:
+        pattern.draw_into(drawing, grid)
+    return drawing
 
 
-def texel_centres(
-    size_mm: tuple[float, float], texels_per_mm: int
-) -> tuple[FloatArray, FloatArray]:
-    """Tell where the texels lie.
-
-    Parameters
-    ----------
-    size_mm
-        Width and height.
-    texels_per_mm
-        Resolution.
-
-    Returns
-    -------
-    x, y : FloatArray
-        (columns,) and (rows,) in mm from the middle.
-    """
-    across, down = (round(v * texels_per_mm) for v in size_mm)
-    x = (np.arange(across) + 0.5 - across / 2) / texels_per_mm
-    y = (np.arange(down) + 0.5 - down / 2) / texels_per_mm
-    return x, y
-
-
-def chessboard(
-    squares: tuple[int, int], square_mm: float, size_mm: tuple[float, float], texels_per_mm: int
-) -> Artwork:
-    """Draw a chessboard in the middle of white paper; its top-left square is black.
+def chessboard(squares: tuple[int, int], square_mm: float) -> Mosaic:
+    """Lay out a chessboard about the origin; its top-left square is black.
 
     Parameters
     ----------
@@ -66,95 +218,73 @@ def chessboard(
         Count of squares across and down.
     square_mm
         Their side.
-    size_mm
-        Width and height of the paper.
-    texels_per_mm
-        Resolution.
 
     Returns
     -------
-    Artwork
-        (rows, columns) reflectance.
+    Mosaic
+        One cell per square.
     """
-    x, y = texel_centres(size_mm, texels_per_mm)
-    column = np.floor(x / square_mm + squares[0] / 2).astype(int)
-    row = np.floor(y / square_mm + squares[1] / 2).astype(int)
-    # Two one-dimensional patterns, 0 and 255, of which a square is black where they agree.
-    across, down = ((index % 2 * 255).astype(np.uint8) for index in (column, row))
-    drawing = across ^ down[:, None]
-    drawing[(row < 0) | (row >= squares[1])] = 255
-    drawing[:, (column < 0) | (column >= squares[0])] = 255
-    return drawing
+    row, column = np.indices(squares[::-1])
+    cells = ((row + column) % 2 * 255).astype(np.uint8)
+
+    def edges(count: int) -> FloatArray:
+        return np.asarray(square_mm * (np.arange(count + 1) - count / 2), dtype=np.float64)
+
+    return Mosaic(cells, edges(squares[0]), edges(squares[1]))
 
 
-def add_markers(
-    drawing: Artwork,
-    squares: tuple[int, int],
-    square_mm: float,
-    marker_mm: float,
-    patterns: Sequence[Artwork],
-    texels_per_mm: int,
-) -> None:
-    """Draw markers into the white squares of a chessboard, row by row.
+def with_markers(
+    board: Mosaic, square_mm: float, marker_mm: float, markers: Sequence[Artwork]
+) -> Mosaic:
+    """Print markers into the white squares of a chessboard, row by row.
 
     Parameters
     ----------
-    drawing
-        The chessboard; it is drawn into.
-    squares
-        Count of squares across and down.
+    board
+        The chessboard, one cell per square.
     square_mm, marker_mm
         Side of a square and of a marker.
-    patterns
-        One (cells, cells) picture per marker, its black border included.
-    texels_per_mm
-        Resolution of the drawing.
-    """
-    size_mm = drawing.shape[1] / texels_per_mm, drawing.shape[0] / texels_per_mm
-    x, y = texel_centres(size_mm, texels_per_mm)
-    across, down = x / square_mm + squares[0] / 2, y / square_mm + squares[1] / 2
-    white = [(r, c) for r in range(squares[1]) for c in range(squares[0]) if (r + c) % 2]
-    for pattern, (row, column) in zip(patterns, white, strict=True):
-        cell_x = _cells(across - column, marker_mm / square_mm, len(pattern))
-        cell_y = _cells(down - row, marker_mm / square_mm, len(pattern))
-        columns, rows = np.flatnonzero(cell_x >= 0), np.flatnonzero(cell_y >= 0)
-        drawing[np.ix_(rows, columns)] = pattern[np.ix_(cell_y[rows], cell_x[columns])]
-
-
-def dots(
-    centres_mm: FloatArray, diameter_mm: float, size_mm: tuple[float, float], texels_per_mm: int
-) -> Artwork:
-    """Draw round dots; texels on the rim are grey in proportion to the share that is covered.
-
-    Parameters
-    ----------
-    centres_mm
-        (N, 3) centres from the middle of the paper.
-    diameter_mm
-        Their diameter.
-    size_mm
-        Width and height of the paper.
-    texels_per_mm
-        Resolution.
+    markers
+        One (n, n) picture per marker, its black border included.
 
     Returns
     -------
-    Artwork
-        (rows, columns) reflectance.
+    Mosaic
+        n + 2 cells along each side of a square.
     """
-    x, y = texel_centres(size_mm, texels_per_mm)
-    drawing = blank(size_mm, texels_per_mm)
-    reach = diameter_mm / 2 + 1 / texels_per_mm
-    for centre_x, centre_y, _ in centres_mm:
-        columns = np.flatnonzero(np.abs(x - centre_x) <= reach)
-        rows = np.flatnonzero(np.abs(y - centre_y) <= reach)
-        radius = np.hypot(x[columns] - centre_x, (y[rows] - centre_y)[:, None])
-        covered = np.clip((diameter_mm / 2 - radius) * texels_per_mm + 0.5, 0.0, 1.0)
-        drawing[np.ix_(rows, columns)] = np.round(255 * (1 - covered)).astype(np.uint8)
-    return drawing
+    n = len(markers[0])
+    cells = np.kron(board.cells, np.ones((n + 2, n + 2), np.uint8))
+    for marker, (row, column) in zip(markers, np.argwhere(board.cells), strict=True):
+        top, left = (n + 2) * row + 1, (n + 2) * column + 1
+        cells[top : top + n, left : left + n] = marker
+    margin = (square_mm - marker_mm) / 2
+    within = np.append(0.0, margin + marker_mm / n * np.arange(n + 1))
+
+    def divided(edges: FloatArray) -> FloatArray:
+        finer: FloatArray = np.append(np.add.outer(edges[:-1], within), edges[-1])
+        return finer
+
+    return Mosaic(cells, divided(board.x_edges_mm), divided(board.y_edges_mm))
 
 
-def _cells(share_of_square: FloatArray, marker_share: float, count: int) -> IntArray:
-    """Cell index of a marker along one side, −1 outside of it."""
-    cell = np.floor((share_of_square - (1 - marker_share) / 2) / marker_share * count).astype(int)
-    return np.where((cell >= 0) & (cell < count), cell, -1)
+def _overlaps(
+    cell_edges: FloatArray, texel_edges: FloatArray
+) -> tuple[slice, slice, npt.NDArray[np.float32]]:
+    """Give the texels and the cells that meet, and the share of each texel in each cell."""
+    texels = _meeting(texel_edges, cell_edges)
+    cells = _meeting(cell_edges, texel_edges)
+    edges = texel_edges[texels.start : texels.stop + 1]
+    borders = cell_edges[cells.start : cells.stop + 1]
+    inside = np.clip(edges, borders[:-1, None], borders[1:, None])
+    pitch = texel_edges[1] - texel_edges[0]
+    return texels, cells, (np.diff(inside, axis=1) / pitch).astype(np.float32)
+
+
+def _meeting(edges: FloatArray, others: FloatArray) -> slice:
+    """Give the intervals between ascending edges that reach into the span of others."""
+    first, last = np.searchsorted(edges, others[[0, -1]], side="right")
+    return slice(max(int(first) - 1, 0), max(min(int(last), len(edges) - 1), 0))
+
+
+def _grey(ink: npt.NDArray[np.float32]) -> Artwork:
+    return np.rint(255 - ink).astype(np.uint8)

@@ -7,15 +7,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from lenscal import artwork
 from lenscal.arrays import FloatArray
-from lenscal.artwork import Artwork
+from lenscal.artwork import Pattern
 from lenscal.errors import InputError
 from lenscal.target import Charuco, Chessboard, CircleGrid, Disk, Target
 from lenscal.units import parse_length_mm
-
-#: Texels per mm of the drawing, where the caller does not say.
-_TEXELS_PER_MM: Final = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,27 +74,15 @@ class Plate(Target):
         """
         return sum(len(target.points_mm) for target, _ in self.parts[:part])
 
-    def artwork(self, texels_per_mm: int = _TEXELS_PER_MM) -> Artwork:
-        """Draw all parts on a white plate.
-
-        Parameters
-        ----------
-        texels_per_mm
-            Resolution of the drawing.
+    def patterns(self) -> tuple[Pattern, ...]:
+        """Gather what all parts print.
 
         Returns
         -------
-        Artwork
-            (rows, columns) reflectance.
+        tuple of Pattern
+            Each where its part lies.
         """
-        width, height = self.size_mm
-        drawing = artwork.blank((width, height), texels_per_mm)
-        for target, centre in self.parts:
-            part = target.artwork(texels_per_mm)
-            corner = (np.array([width, height]) - target.size_mm) / 2 + centre
-            left, top = np.round(corner * texels_per_mm).astype(int)
-            drawing[top : top + part.shape[0], left : left + part.shape[1]] = part
-        return drawing
+        return tuple(p.moved(*centre) for target, centre in self.parts for p in target.patterns())
 
 
 def parse_target(text: str) -> Target:

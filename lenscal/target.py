@@ -14,7 +14,7 @@ import numpy as np
 
 from lenscal import artwork
 from lenscal.arrays import FloatArray, IntArray, positive
-from lenscal.artwork import Artwork
+from lenscal.artwork import Artwork, Dots, Pattern, TexelGrid
 from lenscal.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,20 +43,29 @@ class Target(ABC):
         """The words that `lenscal.plate.parse_target` turns into this target again."""
 
     @abstractmethod
-    def artwork(self, texels_per_mm: int = _TEXELS_PER_MM) -> Artwork:
+    def patterns(self) -> tuple[Pattern, ...]:
+        """List what is printed on the white paper.
+
+        Returns
+        -------
+        tuple of Pattern
+            Patterns in the target frame, within `size_mm`.
+        """
+
+    def artwork(self, texels_per_mm: float = _TEXELS_PER_MM) -> Artwork:
         """Draw the target as it is printed.
 
         Parameters
         ----------
         texels_per_mm
-            Resolution of the drawing. Edges fall on texel borders where lengths times this are
-            whole numbers.
+            Resolution of the drawing; texels that an edge crosses are grey.
 
         Returns
         -------
         Artwork
             (rows, columns) reflectance, 0 black to 255 white, of `size_mm`.
         """
+        return artwork.draw(self.patterns(), TexelGrid.over(self.size_mm, texels_per_mm))
 
     def ids(self) -> IntArray:
         """Number the points.
@@ -104,21 +113,15 @@ class Chessboard(Target):
         """Such as ``chessboard:9x6:25mm``."""
         return f"chessboard:{self.columns}x{self.rows}:{self.square_mm:g}mm"
 
-    def artwork(self, texels_per_mm: int = _TEXELS_PER_MM) -> Artwork:
-        """Draw the chessboard; its top-left square is black.
-
-        Parameters
-        ----------
-        texels_per_mm
-            Resolution of the drawing.
+    def patterns(self) -> tuple[Pattern, ...]:
+        """Lay the squares out; the top-left one is black.
 
         Returns
         -------
-        Artwork
-            (rows, columns) reflectance.
+        tuple of Pattern
+            One chessboard.
         """
-        squares = self.columns + 1, self.rows + 1
-        return artwork.chessboard(squares, self.square_mm, self.size_mm, texels_per_mm)
+        return (artwork.chessboard((self.columns + 1, self.rows + 1), self.square_mm),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,33 +222,24 @@ class Charuco(Target):
             (self.columns, self.rows), self.square_mm, self.marker_mm, self.markers(), ids
         )
 
-    def artwork(self, texels_per_mm: int = _TEXELS_PER_MM) -> Artwork:
-        """Draw the board; its top-left square is black, markers stand in the white squares.
-
-        Parameters
-        ----------
-        texels_per_mm
-            Resolution of the drawing.
+    def patterns(self) -> tuple[Pattern, ...]:
+        """Lay the squares out; the top-left one is black, markers stand in the white ones.
 
         Returns
         -------
-        Artwork
-            (rows, columns) reflectance.
+        tuple of Pattern
+            One chessboard with its markers.
         """
         import cv2
 
         markers = self.markers()
         cells = markers.markerSize + 2
-        patterns = [
+        pictures = [
             cv2.aruco.generateImageMarker(markers, self.first_id + i, cells).astype(np.uint8)
             for i in range(self.columns * self.rows // 2)
         ]
-        squares = self.columns, self.rows
-        drawing = artwork.chessboard(squares, self.square_mm, self.size_mm, texels_per_mm)
-        artwork.add_markers(
-            drawing, squares, self.square_mm, self.marker_mm, patterns, texels_per_mm
-        )
-        return drawing
+        board = artwork.chessboard((self.columns, self.rows), self.square_mm)
+        return (artwork.with_markers(board, self.square_mm, self.marker_mm, pictures),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,20 +296,15 @@ class CircleGrid(Target):
         kind = "staggered-circles" if self.staggered else "circles"
         return f"{kind}:{self.columns}x{self.rows}:{self.spacing_mm:g}mm:{self.diameter_mm:g}mm"
 
-    def artwork(self, texels_per_mm: int = _TEXELS_PER_MM) -> Artwork:
-        """Draw the dots.
-
-        Parameters
-        ----------
-        texels_per_mm
-            Resolution of the drawing.
+    def patterns(self) -> tuple[Pattern, ...]:
+        """Lay the dots out.
 
         Returns
         -------
-        Artwork
-            (rows, columns) reflectance.
+        tuple of Pattern
+            All dots.
         """
-        return artwork.dots(self.points_mm, self.diameter_mm, self.size_mm, texels_per_mm)
+        return (Dots(self.points_mm[:, :2], self.diameter_mm),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -348,20 +337,15 @@ class Disk(Target):
         """Such as ``disk:6mm``."""
         return f"disk:{self.diameter_mm:g}mm"
 
-    def artwork(self, texels_per_mm: int = _TEXELS_PER_MM) -> Artwork:
-        """Draw the disk.
-
-        Parameters
-        ----------
-        texels_per_mm
-            Resolution of the drawing.
+    def patterns(self) -> tuple[Pattern, ...]:
+        """Lay the disk out.
 
         Returns
         -------
-        Artwork
-            (rows, columns) reflectance.
+        tuple of Pattern
+            The disk.
         """
-        return artwork.dots(self.points_mm, self.diameter_mm, self.size_mm, texels_per_mm)
+        return (Dots(self.points_mm[:, :2], self.diameter_mm),)
 
 
 def _check_grid(kind: str, columns: int, rows: int, least: int) -> None:

@@ -1,30 +1,31 @@
-"""Blur by the circle of confusion: a uniform disk whose size varies over the image."""
+"""Blur by the circle of confusion, whose size varies over the image."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from lenscal.arrays import FloatArray
+from lenscal.arrays import BoolArray, FloatArray
+from lenscal.camera import Camera
+from lenscal.imaging.aperture import CUBIC_REACH, ROUND, Aperture, blur_kernel, convolved
+from lenscal.imaging.ladder import (
+    level_diameter_px,
+    level_of,
+    mean_pitch_mm,
+    share_of_level,
+)
 from lenscal.imaging.texture import Float32Image
 
-#: Blur levels in px of diameter stand at A · sinh(k · h): half a pixel apart near sharpness, then
-#: an eighth of the diameter apart. Between two levels, the images are mixed.
-_STRETCH_PX: Final = 4.0
-_STEP: Final = 0.125
 #: The image is blurred in tiles of this size, so that each one needs only the levels it shows.
 _TILE_PX: Final = 128
-#: Pixels beyond the rim of the disk that cubic interpolation reaches.
-_CUBIC_REACH: Final = 2
-#: Diameter in px below which a disk is a point to double precision.
-_POINT_PX: Final = 2e-3
+#: Where the weight of a level differs by less than this over a tile, it is taken for the same.
+_SAME_SHARE: Final = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,48 @@ class BlurFloor:
         return total
 
 
-def blur_margin_px(largest_mm: float, sample_pitch_mm: FloatArray) -> tuple[int, int]:
+def signed_blur_mm(
+    depth_mm: npt.ArrayLike,
+    camera: Camera,
+    object_distance_mm: float,
+    entrance_pupil_diameter_mm: float,
+    floor: BlurFloor,
+) -> Float32Image:
+    """Give the diameter of the blur on the sensor, a·d·|1/z − 1/D| with the floor in quadrature.
+
+    Parameters
+    ----------
+    depth_mm
+        (...) z of the points.
+    camera
+        Gives d; a blur larger than the diagonal of its frame is made as large as that.
+    object_distance_mm
+        D.
+    entrance_pupil_diameter_mm
+        a.
+    floor
+        What remains in the sharp plane.
+
+    Returns
+    -------
+    Float32Image
+        (...) diameters, negative for points nearer than the sharp plane.
+    """
+    image_distance_mm = camera.image_distance_mm
+    defocus = (
+        entrance_pupil_diameter_mm
+        * image_distance_mm
+        * (1 / object_distance_mm - 1 / np.asarray(depth_mm))
+    )
+    total = floor.add_to(defocus, image_distance_mm / entrance_pupil_diameter_mm)
+    diagonal_mm = np.hypot(camera.sensor.width_mm, camera.sensor.height_mm)
+    signed: Float32Image = np.copysign(np.minimum(total, diagonal_mm), defocus).astype(np.float32)
+    return signed
+
+
+def blur_margin_px(
+    largest_mm: float, sample_pitch_mm: FloatArray, aperture: Aperture = ROUND
+) -> tuple[int, int]:
     """Tell how far beyond a window the light that is blurred into it comes from.
 
     Parameters
@@ -72,20 +114,30 @@ def blur_margin_px(largest_mm: float, sample_pitch_mm: FloatArray) -> tuple[int,
         Largest diameter of the blur on the sensor.
     sample_pitch_mm
         (2,) spacing of samples along x and y.
+    aperture
+        Shape of the blur.
 
     Returns
     -------
     tuple of int
         Margin along x and y in px.
     """
-    scale = _mean_pitch_mm(sample_pitch_mm)
-    reach = _level_diameter_px(math.floor(_level(largest_mm / scale)) + 1) / 2 * scale
-    x, y = (_CUBIC_REACH + math.floor(reach / pitch) for pitch in sample_pitch_mm)
+    scale = mean_pitch_mm(sample_pitch_mm)
+    widest_mm = level_diameter_px(math.floor(level_of(largest_mm / scale)) + 1) * scale
+    x, y = (
+        CUBIC_REACH + math.floor(aperture.reach * widest_mm / 2 / pitch)
+        for pitch in sample_pitch_mm
+    )
     return x, y
 
 
-def blur(image: Float32Image, diameter_mm: FloatArray, sample_pitch_mm: FloatArray) -> Float32Image:
-    """Blur an image by a uniform disk of a diameter that varies from pixel to pixel.
+def blur(
+    image: Float32Image,
+    diameter_mm: Float32Image,
+    sample_pitch_mm: FloatArray,
+    aperture: Aperture = ROUND,
+) -> Float32Image:
+    """Blur an image by the shape of the iris, of a size that varies from pixel to pixel.
 
     A pixel's value is mixed from two images blurred by neighbouring diameters of a fixed ladder,
     in proportion to the squared diameter: the second moment of the blur is exact everywhere, and
@@ -97,111 +149,63 @@ def blur(image: Float32Image, diameter_mm: FloatArray, sample_pitch_mm: FloatArr
         (height + 2 · margin y, width + 2 · margin x) sharp pixels, with the margins of
         `blur_margin_px` for the largest diameter.
     diameter_mm
-        (height, width) diameter on the sensor.
+        (height, width) diameter on the sensor; negative for points nearer than the sharp plane,
+        which show the iris turned by half a turn.
     sample_pitch_mm
-        (2,) spacing of samples along x and y; where they differ the disk is an ellipse of pixels.
+        (2,) spacing of samples along x and y; where they differ a disk is an ellipse of pixels.
+    aperture
+        Shape of the blur.
 
     Returns
     -------
     Float32Image
         (height, width) blurred pixels.
     """
-    scale = _mean_pitch_mm(sample_pitch_mm)
-    margin_x, margin_y = (
-        (padded - inner) // 2
-        for padded, inner in zip(image.shape[::-1], diameter_mm.shape[::-1], strict=True)
+    margins = tuple(
+        (padded - inner) // 2 for padded, inner in zip(image.shape, diameter_mm.shape, strict=True)
     )
-    diameter_px = diameter_mm / scale
-    level = _level(diameter_px)
     blurred = np.zeros(diameter_mm.shape, np.float32)
-    for tile in _tiles(*diameter_mm.shape):
-        lowest, highest = math.floor(level[tile].min()), math.floor(level[tile].max()) + 1
-        for k in range(lowest, highest + 1):
-            kernel = disk_kernel(_level_diameter_px(k) * scale, *map(float, sample_pitch_mm))
-            share = _share_of_level(k, diameter_px[tile])
-            blurred[tile] += share * _filtered(image, kernel, tile, margin_x, margin_y)
+    for rows, columns in _tiles(*diameter_mm.shape):
+        tile = diameter_mm[rows, columns]
+        out = blurred[rows, columns]
+        near = np.signbit(tile)
+        for shape, here in _sides(aperture, near):
+            for kernel, share in _mixture(np.abs(tile), sample_pitch_mm, shape):
+                out += _filtered(image, kernel, (rows, columns), margins) * share * here
     return blurred
 
 
-@lru_cache(maxsize=256)
-def disk_kernel(diameter_mm: float, pitch_x_mm: float, pitch_y_mm: float) -> Float32Image:
-    """Give the weights of pixels that blur an image by a uniform disk.
+def _sides(aperture: Aperture, near: BoolArray) -> list[tuple[Aperture, BoolArray | bool]]:
+    """Pair the iris and the iris turned with the pixels that show it so."""
+    if aperture.turned == aperture or not near.any():
+        return [(aperture, True)]
+    if near.all():
+        return [(aperture.turned, True)]
+    return [(aperture, ~near), (aperture.turned, near)]
 
-    The disk is integrated over a cubic interpolation (Keys, 1981) of the pixels, which reproduces
-    parabolas: whatever the diameter, the weights sum to 1 and their second moments are those of the
-    disk, diameter²/16. Sampling the disk itself would add the size of a pixel to it.
 
-    Parameters
-    ----------
-    diameter_mm
-        Diameter of the disk.
-    pitch_x_mm, pitch_y_mm
-        Spacing of samples.
-
-    Returns
-    -------
-    Float32Image
-        (rows, columns), both odd.
-    """
-    radius_x, radius_y = (
-        max(diameter_mm / pitch, _POINT_PX) / 2 for pitch in (pitch_x_mm, pitch_y_mm)
+def _mixture(
+    diameter_mm: Float32Image, sample_pitch_mm: FloatArray, aperture: Aperture
+) -> list[tuple[Float32Image, Float32Image | float]]:
+    """List the kernels that a tile is blurred with, and the weight of each for every pixel."""
+    scale = mean_pitch_mm(sample_pitch_mm)
+    diameter_px = diameter_mm / np.float32(scale)
+    lowest, highest = (
+        math.floor(level_of(extreme)) for extreme in (diameter_px.min(), diameter_px.max())
     )
-    taps_x, taps_y = (
-        np.arange(-n, n + 1) for n in (int(r) + _CUBIC_REACH for r in (radius_x, radius_y))
-    )
-    # Rows of the disk by Gauss-Chebyshev quadrature; along a row, the chord exactly.
-    count = 64 + 8 * math.ceil(radius_y)
-    angle = np.pi * np.arange(1, count + 1)[:, None] / (count + 1)
-    share = 2 / (count + 1) * np.sin(angle) ** 2
-    half_chord = radius_x * np.sin(angle)
-    along_x = _cubic_integral(half_chord - taps_x) - _cubic_integral(-half_chord - taps_x)
-    along_y = _cubic(radius_y * np.cos(angle) - taps_y)
-    kernel = (share * along_y).T @ (along_x / (2 * half_chord))
-    return np.asarray(kernel / kernel.sum(), dtype=np.float32)
-
-
-def _filtered(
-    image: Float32Image,
-    kernel: Float32Image,
-    tile: tuple[slice, slice],
-    margin_x: int,
-    margin_y: int,
-) -> Float32Image:
-    """Filter one tile, reading as far around it as the kernel reaches."""
-    reach_y, reach_x = (side // 2 for side in kernel.shape)
-    rows, columns = tile
-    source = image[
-        rows.start + margin_y - reach_y : rows.stop + margin_y + reach_y,
-        columns.start + margin_x - reach_x : columns.stop + margin_x + reach_x,
-    ]
-    filtered = cv2.filter2D(source, cv2.CV_32F, kernel, borderType=cv2.BORDER_CONSTANT)
-    inner = filtered[reach_y : filtered.shape[0] - reach_y, reach_x : filtered.shape[1] - reach_x]
-    return np.asarray(inner, dtype=np.float32)
-
-
-def _share_of_level(k: int, diameter_px: FloatArray) -> Float32Image:
-    """Tell how much of blur level k a diameter is: a tent over the squared diameter."""
-    below, here, above = (_level_diameter_px(i) ** 2 for i in (k - 1, k, k + 1))
-    squared = np.square(diameter_px)
-    falling = (above - squared) / (above - here)
-    if k == 0:
-        share = falling
-    else:
-        share = np.where(squared < here, (squared - below) / (here - below), falling)
-    return np.clip(share, 0.0, 1.0).astype(np.float32)
-
-
-def _level(diameter_px: npt.ArrayLike) -> FloatArray:
-    level: FloatArray = np.arcsinh(np.asarray(diameter_px) / _STRETCH_PX) / _STEP
-    return level
-
-
-def _level_diameter_px(level: int) -> float:
-    return _STRETCH_PX * math.sinh(level * _STEP)
-
-
-def _mean_pitch_mm(sample_pitch_mm: FloatArray) -> float:
-    return float(np.sqrt(np.prod(sample_pitch_mm)))
+    pitches = float(sample_pitch_mm[0]), float(sample_pitch_mm[1])
+    levels = range(lowest, highest + 2)
+    kernels = [blur_kernel(level_diameter_px(k) * scale, *pitches, aperture) for k in levels]
+    shares = [share_of_level(k, diameter_px) for k in levels]
+    if all(float(np.ptp(share)) < _SAME_SHARE for share in shares):
+        one: Float32Image = np.zeros_like(kernels[-1])
+        for kernel, share in zip(kernels, shares, strict=True):
+            y, x = (
+                (large - small) // 2 for large, small in zip(one.shape, kernel.shape, strict=True)
+            )
+            one[y : one.shape[0] - y, x : one.shape[1] - x] += kernel * share.flat[0]
+        return [(one, 1.0)]
+    return list(zip(kernels, shares, strict=True))
 
 
 def _tiles(height: int, width: int) -> Iterator[tuple[slice, slice]]:
@@ -213,19 +217,18 @@ def _tiles(height: int, width: int) -> Iterator[tuple[slice, slice]]:
             )
 
 
-def _cubic(x: FloatArray) -> FloatArray:
-    """Interpolate as Keys does: the cubic convolution kernel with slope −1/2."""
-    x = np.abs(x)
-    near = (1.5 * x - 2.5) * x**2 + 1
-    far = ((-0.5 * x + 2.5) * x - 4) * x + 2
-    weight: FloatArray = np.where(x < 1, near, np.where(x < 2, far, 0.0))
-    return weight
-
-
-def _cubic_integral(x: FloatArray) -> FloatArray:
-    """Integrate `_cubic` from 0 to x."""
-    size = np.minimum(np.abs(x), 2.0)
-    near = ((0.375 * size - 2.5 / 3) * size**2 + 1) * size
-    far = (((-0.125 * size + 2.5 / 3) * size - 2) * size + 2) * size - 1 / 6
-    integral: FloatArray = np.copysign(np.where(size < 1, near, far), x)
-    return integral
+def _filtered(
+    image: Float32Image,
+    kernel: Float32Image,
+    tile: tuple[slice, slice],
+    margins: tuple[int, ...],
+) -> Float32Image:
+    """Filter one tile, reading as far around it as the kernel reaches."""
+    reach_y, reach_x = (side // 2 for side in kernel.shape)
+    (rows, columns), (margin_y, margin_x) = tile, margins
+    source = image[
+        rows.start + margin_y - reach_y : rows.stop + margin_y + reach_y,
+        columns.start + margin_x - reach_x : columns.stop + margin_x + reach_x,
+    ]
+    filtered = convolved(source, kernel, cv2.BORDER_CONSTANT)
+    return filtered[reach_y : filtered.shape[0] - reach_y, reach_x : filtered.shape[1] - reach_x]

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from lenscal.arrays import positive
 from lenscal.errors import InputError
+
+#: Mean counts below this are drawn from the Poisson distribution itself.
+_FEW_ELECTRONS: Final = 50.0
 
 GreyImage = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
@@ -105,14 +109,33 @@ class Detector:
         GreyImage
             (...) grey values, 8 bits wide where they fit, otherwise 16.
         """
-        collected: npt.NDArray[np.floating] = mean_electrons
+        collected = mean_electrons
         if rng is not None:
-            # Far beyond the full well the noise shows no more; Poisson counts must fit 64 bits.
-            counts = rng.poisson(np.minimum(mean_electrons, 1e3 * self.full_well_e))
-            collected = np.minimum(counts, self.full_well_e).astype(np.float32)
+            # Far beyond the full well the noise shows no more.
+            counts = _poisson(np.minimum(mean_electrons, 1e3 * self.full_well_e), rng)
+            collected = np.minimum(counts, np.float32(self.full_well_e))
             noise = rng.standard_normal(np.shape(collected), dtype=np.float32)
-            collected += np.float32(self.read_noise_e) * noise
-        grey = np.rint(collected / np.float32(self.electrons_per_dn) + self.black_level_dn)
-        kind = np.uint8 if self.bit_depth == 8 else np.uint16
-        image: GreyImage = np.clip(grey, 0, self.saturation_dn).astype(kind)
-        return image
+            noise *= np.float32(self.read_noise_e)
+            collected += noise
+        grey = collected * np.float32(1 / self.electrons_per_dn)
+        grey += np.float32(self.black_level_dn)
+        np.rint(grey, out=grey)
+        np.clip(grey, 0, self.saturation_dn, out=grey)
+        return grey.astype(np.uint8) if self.bit_depth == 8 else grey.astype(np.uint16)
+
+
+def _poisson(mean: npt.NDArray[np.float32], rng: np.random.Generator) -> npt.NDArray[np.float32]:
+    """Draw Poisson counts; large ones from a normal distribution with their first three moments.
+
+    Cornish and Fisher's expansion m + √m z + (z² − 1)/6 has the mean, the variance and the skewness
+    of a Poisson distribution, up to 1/(18 m) of the variance.
+    """
+    deviation = np.sqrt(mean)
+    z = rng.standard_normal(np.shape(mean), dtype=np.float32)
+    counts = z * (deviation + z * np.float32(1 / 6))
+    counts += mean
+    counts -= np.float32(1 / 6)
+    few = mean < _FEW_ELECTRONS
+    if few.any():
+        counts[few] = rng.poisson(mean[few])
+    return np.asarray(counts, dtype=np.float32)

@@ -60,7 +60,7 @@ def points_on_plane(camera: Camera, camera_from_target: Pose, window: Window) ->
     target_to_ray = np.column_stack(
         [camera_from_target.rotation[:, :2], camera_from_target.translation_mm]
     )
-    ray_to_target = _adjugate_inverse(target_to_ray)
+    ray_to_target = _inverse_or_nothing(target_to_ray)
     x, y = undistorted_mm[..., 0], undistorted_mm[..., 1]
     d = camera.image_distance_mm
     inverse_stretch = x * ray_to_target[2, 0] + y * ray_to_target[2, 1] + d * ray_to_target[2, 2]
@@ -73,12 +73,8 @@ def points_on_plane(camera: Camera, camera_from_target: Pose, window: Window) ->
     return PlanePoints(position, np.where(met, d * stretch, np.inf))
 
 
-def _adjugate_inverse(matrix: FloatArray) -> FloatArray:
+def _inverse_or_nothing(matrix: FloatArray) -> FloatArray:
     """Invert a 3 × 3 matrix; a plane seen edge-on, which is singular, is seen nowhere: zeros."""
-    a, b, c = matrix.T
-    adjugate = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
-    determinant = float(a @ adjugate[0])
-    if abs(determinant) < 1e-12 * np.linalg.norm(c):
+    if abs(np.linalg.det(matrix)) < 1e-12 * np.linalg.norm(matrix[:, 2]):
         return np.zeros((3, 3))
-    inverse: FloatArray = adjugate / determinant
-    return inverse
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)

@@ -1,59 +1,60 @@
-"""The artwork of a flat target as reflectance over its plane, as densely as a view asks for."""
+"""A flat target as light meets it, drawn as finely as a part of the image asks for."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from lenscal.arrays import positive
-from lenscal.artwork import Artwork
+from lenscal.arrays import FloatArray
+from lenscal.artwork import Artwork, Mosaic, Pattern, TexelGrid, draw
 from lenscal.errors import InputError
 from lenscal.target import Target
 
 Float32Image = npt.NDArray[np.float32]
 
-#: Artwork is drawn at multiples of this many texels per mm: lengths of whole 25 µm are exact.
-_DRAWING_STEP: Final = 40
-#: A drawing is at least this much denser than the texture averaged from it.
-_DRAWING_MARGIN: Final = 1.25
-#: Texture densities stand on a ladder with this many rungs per octave, so that views share them.
-_RUNGS_PER_OCTAVE: Final = 4
-#: Texels of surroundings about the artwork, wider than the reach of the sharpening.
-_BORDER: Final = 2
-#: Largest side of an image that OpenCV resamples.
-_LARGEST_SIDE: Final = 32000
+#: Largest side of a drawing; a plane seen so obliquely that it would take more is drawn coarser.
+_LARGEST_SIDE: Final = 4096
+#: Texels drawn beyond what is wanted, for interpolation to reach.
+_RIM: Final = 3
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Texture:
-    """Reflectance of the target plane on a grid, to be interpolated linearly.
+class Box(NamedTuple):
+    """A rectangle in the plane of a target.
 
     Parameters
     ----------
-    reflectance
-        (rows, columns), white 1. Every texel is the mean over its area, sharpened by as much as
-        linear interpolation will blur.
-    texels_per_mm
-        Density along x and along y.
-    surroundings
-        Reflectance beyond the artwork.
+    low_mm, high_mm
+        (2,) its corners (x, y).
     """
 
-    reflectance: Float32Image
-    texels_per_mm: tuple[float, float]
-    surroundings: float
+    low_mm: FloatArray
+    high_mm: FloatArray
 
-    @property
-    def origin_texel(self) -> tuple[float, float]:
-        """Texel coordinates (x, y) of the origin of the target frame."""
-        rows, columns = self.reflectance.shape
-        return (columns - 1) / 2, (rows - 1) / 2
+
+class Texture(NamedTuple):
+    """A part of a surface on a grid of texels.
+
+    Parameters
+    ----------
+    origin_mm
+        (x, y) of the middle of the first texel in the target frame.
+    texels_per_mm
+        Density.
+    paper
+        (rows, columns) share that is white paper, 255 for all; none of it lies beyond the sheet.
+    sheet
+        (rows, columns) share that lies on the sheet, 255 for all; None where all does.
+    """
+
+    origin_mm: tuple[float, float]
+    texels_per_mm: float
+    paper: Artwork
+    sheet: Artwork | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,67 +88,68 @@ class TargetSurface:
                     f"{name} must be a reflectance between 0 and 1 (white), but is {value:g}"
                 )
 
-    def texture(self, texel_mm: float) -> Texture:
-        """Draw the surface with texels of about a wanted size; drawings are kept for the next view.
+    def meets(self, part: Box) -> bool:
+        """Tell whether a part of the plane shows any of the sheet.
 
         Parameters
         ----------
-        texel_mm
-            Size of a texel; it is met within a tenth.
+        part
+            The part.
+
+        Returns
+        -------
+        bool
+            False where it shows surroundings only.
+        """
+        half = np.array(self.target.size_mm) / 2
+        return bool((part.low_mm < half).all() and (part.high_mm > -half).all())
+
+    def texture(self, part: Box, sample_mm: float) -> Texture:
+        """Draw a part of the plane, ready to be sampled by linear interpolation.
+
+        Every texel is the mean over a square of the space between samples, and twice as dense: the
+        samples of a pixel then cover it without gap or overlap, and interpolation adds little.
+
+        Parameters
+        ----------
+        part
+            What is wanted; of what lies beyond the sheet only a rim is drawn.
+        sample_mm
+            Space between samples. A drawing that would have more than 4096 texels a side is made
+            coarser.
 
         Returns
         -------
         Texture
-            The reflectance, ready to be sampled.
-
-        Raises
-        ------
-        InputError
-            When the target is too large to be drawn that finely.
+            The drawing.
         """
-        rung = round(-math.log2(positive("texel_mm", texel_mm, "mm")) * _RUNGS_PER_OCTAVE)
-        return _texture(self, rung)
-
-
-@lru_cache(maxsize=2)
-def _texture(surface: TargetSurface, rung: int) -> Texture:
-    density = 2 ** (rung / _RUNGS_PER_OCTAVE)
-    drawing_density = _DRAWING_STEP * math.ceil(_DRAWING_MARGIN * density / _DRAWING_STEP)
-    width_mm, height_mm = surface.target.size_mm
-    if max(width_mm, height_mm) * drawing_density > _LARGEST_SIDE:
-        raise InputError(
-            f"a target of {width_mm:g} × {height_mm:g} mm cannot be drawn with {density:.0f} "
-            "texels per mm, which this view asks for; take a smaller target"
+        half = np.array(self.target.size_mm) / 2
+        seen = np.minimum(part.high_mm, half) - np.maximum(part.low_mm, -half)
+        texel_mm = max(sample_mm / 2, float(seen.max()) / (_LARGEST_SIDE - 2 * _RIM - 2))
+        # Texels lie on whole multiples of their size: other parts are drawn on the same ones.
+        first = np.floor(np.maximum(part.low_mm, -half) / texel_mm).astype(int) - _RIM
+        last = np.ceil(np.minimum(part.high_mm, half) / texel_mm).astype(int) + _RIM
+        low, high = first * texel_mm, last * texel_mm
+        columns, rows = (int(n) for n in last - first)
+        grid = TexelGrid(float(low[0]), float(low[1]), 1 / texel_mm, columns, rows)
+        paper, sheet = draw(_patterns(self.target), grid), None
+        if (low < -half).any() or (high > half).any():
+            bounds = [np.array([-side, side]) for side in half]
+            beyond = draw([Mosaic(np.zeros((1, 1), np.uint8), *bounds)], grid)
+            sheet = _mean_of_four(255 - beyond)
+            # White reaches to the rim of the sheet, and no farther.
+            paper = np.minimum(paper, 255 - beyond)
+        return Texture(
+            (low[0] + texel_mm, low[1] + texel_mm), 1 / texel_mm, _mean_of_four(paper), sheet
         )
-    columns, rows = (max(1, round(side * density)) for side in (width_mm, height_mm))
-    drawing = _drawing(surface.target, drawing_density)
-    shares = cv2.resize(drawing, (columns, rows), interpolation=cv2.INTER_AREA)
-    grey_levels = np.linspace(surface.ink, 1.0, 256, dtype=np.float32)
-    reflectance = cv2.copyMakeBorder(
-        grey_levels[shares],
-        _BORDER,
-        _BORDER,
-        _BORDER,
-        _BORDER,
-        cv2.BORDER_CONSTANT,
-        value=surface.surroundings,
-    )
-    return Texture(
-        _sharpened_for_linear_interpolation(np.asarray(reflectance, np.float32)),
-        (columns / width_mm, rows / height_mm),
-        surface.surroundings,
-    )
 
 
-@lru_cache(maxsize=2)
-def _drawing(target: Target, texels_per_mm: int) -> Artwork:
-    return target.artwork(texels_per_mm)
+def _mean_of_four(drawing: Artwork) -> Artwork:
+    """Average every texel with its neighbours to the right and below."""
+    means = cv2.blur(drawing, (2, 2), anchor=(0, 0), borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(means, dtype=np.uint8)
 
 
-def _sharpened_for_linear_interpolation(reflectance: Float32Image) -> Float32Image:
-    """Take away the variance that linear interpolation adds: a sixth of a texel² on average."""
-    taps = np.array([-1 / 12, 7 / 6, -1 / 12])
-    sharpened = cv2.sepFilter2D(
-        reflectance, cv2.CV_32F, taps, taps, borderType=cv2.BORDER_REPLICATE
-    )
-    return np.asarray(sharpened, dtype=np.float32)
+@lru_cache(maxsize=8)
+def _patterns(target: Target) -> tuple[Pattern, ...]:
+    return target.patterns()
