@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from lenscal.pose import Pose
     from lenscal.recording import FocusResult, Recording
     from lenscal.sensor import Sensor
-    from lenscal.session.autofocus import autofocus
+    from lenscal.session.autofocus import autofocus, autofocus_lens
     from lenscal.session.plan import SessionPlan
     from lenscal.session.runner import run_session
     from lenscal.setting import LensSetting
@@ -43,6 +43,7 @@ _HOME = {
     "SessionPlan": "lenscal.session.plan",
     "SettingCurve": "lenscal.maps.contours",
     "autofocus": "lenscal.session.autofocus",
+    "autofocus_lens": "lenscal.session.autofocus",
     "calibrate_recording": "lenscal.calibration.sweep",
     "calibrate_tsai": "lenscal.calibration.tsai",
     "calibrate_views": "lenscal.calibration.refine",
@@ -65,6 +66,7 @@ __all__ = [
     "SessionPlan",
     "SettingCurve",
     "autofocus",
+    "autofocus_lens",
     "calibrate_recording",
     "calibrate_tsai",
     "calibrate_views",

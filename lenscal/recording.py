@@ -107,6 +107,14 @@ class FocusResult:
         (N,) each: the focus curve.
     notes
         What was out of the ordinary, in words.
+    measure
+        What sharpness was measured by, a value of `lenscal.session.sharpness.Measure`.
+    fine
+        How many points, at the end of the curve, are of the fine sweep that was fitted; 0 where the
+        record does not say.
+    vergence_per_mm
+        1/z in the middle of the fine sweep, z counted from the true projection centre, as the
+        growth of the disk in the image shows it; None where the record does not say.
     """
 
     distance_mm: float
@@ -116,6 +124,9 @@ class FocusResult:
     curve_standoff_mm: FloatArray
     curve_sharpness: FloatArray
     notes: tuple[str, ...] = ()
+    measure: str = "edge_width"
+    fine: int = 0
+    vergence_per_mm: float | None = None
 
     @property
     def curve(self) -> FloatArray:

@@ -14,6 +14,8 @@ _WHITE: Final = 0.75
 #: How near to it is near enough.
 _TOLERANCE: Final = 0.1
 _TRIES: Final = 8
+#: Half the image is looked at each way, or so many px where that is less.
+_WINDOW_PX: Final = 640
 #: White is what this share of the pixels does not exceed; a few may glint.
 _WHITE_PERCENTILE: Final = 95.0
 
@@ -37,8 +39,9 @@ def expose(camera: CameraDevice) -> float:
         When the picture stays too dark or too bright at the end of the exposure range.
     """
     width, height = camera.sensor.width_px, camera.sensor.height_px
-    # Half the image each way: what is looked at lies there, and a quarter of the pixels is quick.
-    window = Window(width // 4, height // 4, width // 2, height // 2)
+    # What is looked at lies in the middle, and a part of the pixels is quick.
+    across, down = min(width // 2, _WINDOW_PX), min(height // 2, _WINDOW_PX)
+    window = Window((width - across) // 2, (height - down) // 2, across, down)
     shortest, longest = camera.exposure_range_s
     for _ in range(_TRIES):
         frame = camera.grab(window)

@@ -8,12 +8,16 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import Field, model_validator
 
-from lenscal.handwritten import Handwritten, PositiveLengthMm, load_toml
+from lenscal.handwritten import Handwritten, LengthMm, PositiveLengthMm, load_toml
 from lenscal.pose import Pose
+from lenscal.session.autofocus import REPEATABILITY_MM
+from lenscal.session.sharpness import Measure
 from lenscal.setting import ApproachSide, LensSetting
 
 #: Beyond this tilt a printed target is seen too obliquely to be found.
 _STEEPEST_TILT_DEG: Final = 60.0
+#: Steps that are missing by rounding only are not missing.
+_ROUNDING: Final = 1e-9
 
 
 class AutofocusPlan(Handwritten):
@@ -24,19 +28,30 @@ class AutofocusPlan(Handwritten):
     nearest, farthest
         Ends of the search, as standoff of the reference projection centre, with unit.
     step
-        Distance between pictures of the coarse search, with unit.
+        Distance between pictures of the coarse search at its nearest end, with unit. Farther away
+        the depth of field is longer, and steps grow with the square of the standoff.
     iris
         Iris to focus at: wide open, so that the peak is narrow.
+    measure
+        What sharpness is measured by.
+    extensions
+        How many times the search may be made longer, by half its length, when the peak lies at its
+        end. It can then go nearer than `nearest`; 0 forbids it.
+    repeatability
+        Standard deviation with which the positioner comes back to a standoff, with unit.
     """
 
     nearest: PositiveLengthMm
     farthest: PositiveLengthMm
     step: PositiveLengthMm
     iris: float
+    measure: Measure = Measure.EDGE_WIDTH
+    extensions: Annotated[int, Field(ge=0)] = 2
+    repeatability: Annotated[LengthMm, Field(ge=0)] = REPEATABILITY_MM
 
     @model_validator(mode="after")
     def _in_order(self) -> AutofocusPlan:
-        if self.farthest - self.nearest < 4 * self.step:
+        if self.farthest <= self.nearest or self._steps() < 4 - _ROUNDING:
             raise ValueError(
                 f"the search from {self.nearest:g} to {self.farthest:g} mm needs at least four "
                 f"steps, but one is {self.step:g} mm"
@@ -49,10 +64,17 @@ class AutofocusPlan(Handwritten):
         Returns
         -------
         list of float
-            From the nearest to the farthest in mm, both visited, evenly spaced by at most a step.
+            From the nearest to the farthest in mm, both visited, evenly spaced in one over the
+            standoff, as the blur is; the first step is the longest that is not above `step`.
         """
-        count = int(np.ceil((self.farthest - self.nearest) / self.step)) + 1
-        return [float(s) for s in np.linspace(self.nearest, self.farthest, count)]
+        count = int(np.ceil(self._steps() - _ROUNDING)) + 1
+        standoffs_mm = 1 / np.linspace(1 / self.nearest, 1 / self.farthest, count)
+        return [self.nearest, *(float(s) for s in standoffs_mm[1:-1]), self.farthest]
+
+    def _steps(self) -> float:
+        """Length of the search in steps of 1/standoff, each worth `step` at the nearest end."""
+        vergence_step = 1 / self.nearest - 1 / (self.nearest + self.step)
+        return (1 / self.nearest - 1 / self.farthest) / vergence_step
 
 
 class ViewsPlan(Handwritten):

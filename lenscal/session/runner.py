@@ -149,8 +149,16 @@ def _visit(
     focus_point_mm, view_point_mm = points_mm
     reached = rig.lens.move_to(setting.with_iris(plan.autofocus.iris), plan.approach)
     try:
-        focus = autofocus(rig, plan.autofocus.standoffs_mm(), point_mm=focus_point_mm)
-        rig.lens.move_to(setting.with_iris(plan.views.iris), plan.approach)
+        focus = autofocus(
+            rig,
+            plan.autofocus.standoffs_mm(),
+            point_mm=focus_point_mm,
+            measure=plan.autofocus.measure,
+            extensions=plan.autofocus.extensions,
+            repeatability_mm=plan.autofocus.repeatability,
+            approach=plan.approach,
+        )
+        reached = rig.lens.move_to(setting.with_iris(plan.views.iris), plan.approach)
         rig.positioner.move_to(hand_pose(rig, focus.distance_mm, view_point_mm))
         expose(rig.camera)
     except FocusError as error:

@@ -1,13 +1,15 @@
-"""How sharp the rim of a disk is: gradient magnitude over a ring around it.
+"""How sharp the rim of a disk is: one interface, several measures.
 
-The camera moves while it focuses, so the disk grows and shrinks in the image. The measure is
-therefore taken per length of rim and per contrast: it is the reciprocal of the width of the edge in
-px, and does not change with scale. Source of the criterion: the paper's section on autofocus and
-its reference 12 (gradient magnitude, no threshold); what differs is the normalisation.
+The camera moves while it focuses, so the disk grows and shrinks in the image, and a measure that is
+summed over pixels changes with it. The edge width does not: it is taken per length of rim and per
+squared contrast. Source of the paper's criterion: its section on autofocus and its reference 12
+(gradient magnitude, thresholded); the others are the usual ones, taken over the ring at the rim.
 """
 
 from __future__ import annotations
 
+import enum
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,90 +19,49 @@ import numpy.typing as npt
 
 from lenscal.arrays import FloatArray
 from lenscal.errors import FocusError
+from lenscal.session.disk_search import DiskImage, Grey
 
 #: Half width of the ring in px, at least, and as a share of the disk's radius.
 _LEAST_HALF_WIDTH: Final = 4.0
 _HALF_WIDTH_SHARE: Final = 0.35
-#: A disk fills this much of its bounding ellipse; letters and squares do not.
-_ROUNDNESS: Final = 0.93
-_LEAST_AREA_PX: Final = 150
-#: Contrast below this share of white is no disk.
-_LEAST_CONTRAST: Final = 0.15
+#: Pixels in the paper's evaluation window.
+_PAPER_WINDOW_PX: Final = 800.0
 
-Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+_Mask = npt.NDArray[np.bool_]
+
+
+class Measure(enum.StrEnum):
+    """What sharpness is measured by."""
+
+    EDGE_WIDTH = "edge_width"
+    GRADIENT_MAGNITUDE = "gradient_magnitude"
+    TENENGRAD = "tenengrad"
+    LAPLACIAN_VARIANCE = "laplacian_variance"
+    BRENNER = "brenner"
+    NORMALISED_VARIANCE = "normalised_variance"
 
 
 @dataclass(frozen=True, slots=True)
-class DiskImage:
-    """A dark disk found in an image.
+class SharpnessMeasure:
+    """A measure, and how it falls as the edge widens.
 
     Parameters
     ----------
-    centre_px
-        (x, y) of its middle.
-    semi_axes_px
-        Half its extent along x and y; they differ where the sample pitches do.
+    score
+        From (rows, columns) grey values and the disk in them: larger is sharper.
+    width_power
+        The score goes as edge width to minus this power, where the measure obeys one.
+    label
+        Name and unit, for figures.
     """
 
-    centre_px: tuple[float, float]
-    semi_axes_px: tuple[float, float]
-
-
-def find_disk(image: Grey, near_px: tuple[float, float] | None = None) -> DiskImage:
-    """Find the dark disk in an image.
-
-    Parameters
-    ----------
-    image
-        (rows, columns) grey values.
-    near_px
-        Where to prefer it, (x, y); None for the middle of the image.
-
-    Returns
-    -------
-    DiskImage
-        The round dark spot nearest to there that lies wholly in the image.
-
-    Raises
-    ------
-    FocusError
-        When there is none, or the image has no contrast.
-    """
-    rows, columns = image.shape
-    near = np.array(near_px if near_px is not None else ((columns - 1) / 2, (rows - 1) / 2))
-    levels = np.percentile(image, (1, 99)).astype(float)
-    if levels[1] <= 0 or (levels[1] - levels[0]) < _LEAST_CONTRAST * levels[1]:
-        raise FocusError(
-            f"no disk to focus on: the image has no contrast (grey values {levels[0]:.0f} to "
-            f"{levels[1]:.0f}); point the camera at the disk and check light and exposure"
-        )
-    dark = (image < levels.mean()).astype(np.uint8)
-    count, labels, stats, centroids = cv2.connectedComponentsWithStats(dark, connectivity=4)
-    candidates = []
-    for label in range(1, count):
-        left, top, width, height, area = (int(v) for v in stats[label])
-        whole = left > 0 and top > 0 and left + width < columns and top + height < rows
-        round_area = np.pi / 4 * width * height
-        if whole and area >= _LEAST_AREA_PX and _ROUNDNESS < area / round_area < 2 - _ROUNDNESS:
-            candidates.append(label)
-    if not candidates:
-        raise FocusError(
-            "no disk to focus on: no round dark spot lies wholly in the image; point the camera at "
-            "the disk, or take a larger one"
-        )
-    best = min(candidates, key=lambda label: float(np.hypot(*(centroids[label] - near))))
-    weight = labels == best
-    y, x = np.nonzero(weight)
-    centre = np.array([x.mean(), y.mean()])
-    # A filled ellipse has a variance of a quarter of the squared semi-axis; a pixel adds 1/12.
-    semi_axes = 2 * np.sqrt(np.maximum(np.array([x.var(), y.var()]) - 1 / 12, 0.0))
-    return DiskImage(
-        (float(centre[0]), float(centre[1])), (float(semi_axes[0]), float(semi_axes[1]))
-    )
+    score: Callable[[Grey, DiskImage], float]
+    width_power: float
+    label: str
 
 
 def ring_sharpness(image: Grey, disk: DiskImage) -> float:
-    """Measure the sharpness of the rim of a disk.
+    """Measure one over the width of the edge.
 
     Parameters
     ----------
@@ -112,8 +73,8 @@ def ring_sharpness(image: Grey, disk: DiskImage) -> float:
     Returns
     -------
     float
-        Squared gradient over the ring, per length of rim and squared contrast: one over the width
-        of the edge, in 1/px.
+        Squared gradient over the ring, less that of noise, per length of rim and squared contrast:
+        one over the width of the edge, in 1/px.
 
     Raises
     ------
@@ -121,23 +82,96 @@ def ring_sharpness(image: Grey, disk: DiskImage) -> float:
         When the ring has no contrast.
     """
     grey = image.astype(np.float32)
-    rows, columns = grey.shape
-    axes = np.array(disk.semi_axes_px)
-    half = max(_LEAST_HALF_WIDTH, _HALF_WIDTH_SHARE * float(axes.min()))
-    x = (np.arange(columns, dtype=np.float64) - disk.centre_px[0]) / axes[0]
-    y = ((np.arange(rows, dtype=np.float64) - disk.centre_px[1]) / axes[1])[:, None]
-    distance = (np.hypot(x, y) - 1.0) * float(axes.mean())
-    ring = np.abs(distance) <= half
+    distance = disk.rim_distance_px(image.shape)
+    half = max(_LEAST_HALF_WIDTH, _HALF_WIDTH_SHARE * min(disk.semi_axes_px))
     inside = (distance < -0.6 * half) & (distance > -1.4 * half)
     outside = (distance > 0.6 * half) & (distance < 1.4 * half)
+    if not inside.any() or not outside.any():
+        raise FocusError(
+            f"the disk of {disk.radius_px:.0f} px radius has no room about its rim in the picture; "
+            "take a larger disk, or point the camera at its middle"
+        )
     contrast = float(np.median(grey[outside]) - np.median(grey[inside]))
     if contrast <= 0:
         raise FocusError("the disk has no contrast to its surroundings; check light and exposure")
     squared = _squared_gradient(grey)
     noise = _noise_variance(grey, inside | outside)
     # Central differences of white noise have half its variance along each axis.
-    signal = float((squared[ring] - noise).sum())
-    return signal / (_perimeter(axes) * contrast**2)
+    signal = float((squared[np.abs(distance) <= half] - noise).sum())
+    return signal / (disk.perimeter_px * contrast**2)
+
+
+def ring_gradient_magnitude(image: Grey, disk: DiskImage, threshold: float = 0.0) -> float:
+    """Sum the gradient magnitude over the ring at the rim: the criterion of the paper.
+
+    Parameters
+    ----------
+    image
+        (rows, columns) grey values.
+    disk
+        Where the disk is in it.
+    threshold
+        Magnitudes up to this many grey levels per px are left out; the paper used none.
+
+    Returns
+    -------
+    float
+        The sum in grey levels, over the 800 px that lie nearest to the rim on both sides.
+    """
+    magnitude = np.sqrt(_squared_gradient(image.astype(np.float32)))
+    half = _PAPER_WINDOW_PX / 2 / disk.perimeter_px
+    ring = np.abs(disk.rim_distance_px(image.shape)) <= half
+    return float(magnitude[ring & (magnitude > threshold)].sum())
+
+
+def _tenengrad(image: Grey, disk: DiskImage) -> float:
+    """Sum the squared Sobel gradient over the ring."""
+    grey = image.astype(np.float32)
+    across, down = (cv2.Sobel(grey, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1)))
+    return float((across**2 + down**2)[_ring(image, disk)].sum(dtype=np.float64))
+
+
+def _laplacian_variance(image: Grey, disk: DiskImage) -> float:
+    """Take the variance of the Laplacian over the ring."""
+    laplacian = cv2.Laplacian(image.astype(np.float32), cv2.CV_32F)
+    return float(laplacian[_ring(image, disk)].var(dtype=np.float64))
+
+
+def _brenner(image: Grey, disk: DiskImage) -> float:
+    """Sum the squared difference of columns two apart over the ring."""
+    grey = image.astype(np.float64)
+    difference = np.zeros(grey.shape)
+    difference[:, 1:-1] = grey[:, 2:] - grey[:, :-2]
+    return float((difference**2)[_ring(image, disk)].sum())
+
+
+def _normalised_variance(image: Grey, disk: DiskImage) -> float:
+    """Take the variance of the grey values over the ring, divided by their mean."""
+    values = image[_ring(image, disk)].astype(np.float64)
+    return float(values.var() / values.mean()) if values.any() else 0.0
+
+
+MEASURES: Final[dict[Measure, SharpnessMeasure]] = {
+    Measure.EDGE_WIDTH: SharpnessMeasure(ring_sharpness, 1.0, "1 / edge width (1/px)"),
+    Measure.GRADIENT_MAGNITUDE: SharpnessMeasure(
+        ring_gradient_magnitude, 1.0, "gradient magnitude, as published (grey levels)"
+    ),
+    Measure.TENENGRAD: SharpnessMeasure(_tenengrad, 1.0, "Tenengrad (grey levels²)"),
+    Measure.LAPLACIAN_VARIANCE: SharpnessMeasure(
+        _laplacian_variance, 3.0, "variance of the Laplacian (grey levels²)"
+    ),
+    Measure.BRENNER: SharpnessMeasure(_brenner, 1.0, "Brenner (grey levels²)"),
+    Measure.NORMALISED_VARIANCE: SharpnessMeasure(
+        _normalised_variance, 1.0, "normalised variance (grey levels)"
+    ),
+}
+
+
+def _ring(image: Grey, disk: DiskImage) -> _Mask:
+    """Choose the pixels about the rim."""
+    half = max(_LEAST_HALF_WIDTH, _HALF_WIDTH_SHARE * min(disk.semi_axes_px))
+    ring: _Mask = np.abs(disk.rim_distance_px(image.shape)) <= half
+    return ring
 
 
 def _squared_gradient(grey: npt.NDArray[np.float32]) -> FloatArray:
@@ -149,7 +183,7 @@ def _squared_gradient(grey: npt.NDArray[np.float32]) -> FloatArray:
     return across**2 + down**2
 
 
-def _noise_variance(grey: npt.NDArray[np.float32], flat: npt.NDArray[np.bool_]) -> float:
+def _noise_variance(grey: npt.NDArray[np.float32], flat: _Mask) -> float:
     """Variance of pixel noise where the picture is flat, from second differences."""
     second = grey[:, 2:] - 2 * grey[:, 1:-1] + grey[:, :-2]
     chosen = second[flat[:, 1:-1]]
@@ -157,9 +191,3 @@ def _noise_variance(grey: npt.NDArray[np.float32], flat: npt.NDArray[np.bool_]) 
         return 0.0
     spread = 1.4826 * float(np.median(np.abs(chosen - np.median(chosen))))
     return spread**2 / 6
-
-
-def _perimeter(semi_axes: FloatArray) -> float:
-    """Perimeter of an ellipse (Ramanujan's first approximation, better than 1e-5 here)."""
-    a, b = semi_axes
-    return float(np.pi * (3 * (a + b) - np.sqrt((3 * a + b) * (a + 3 * b))))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lenscal.errors import FileError, InputError
-from lenscal.session.plan import SessionPlan
+from lenscal.session.plan import AutofocusPlan, SessionPlan
 
 TEXT = """
 zoom = [90, 98.5]
@@ -37,10 +37,24 @@ def test_every_zoom_meets_every_focus(plan):
     assert [s.focus for s in settings[:3]] == [60, 100, 140]
 
 
-def test_the_sweep_visits_both_ends_in_steps_no_longer_than_asked(plan):
-    standoffs = plan.autofocus.standoffs_mm()
+def test_the_sweep_visits_both_ends_evenly_in_vergence(plan):
+    standoffs = np.array(plan.autofocus.standoffs_mm())
     assert (standoffs[0], standoffs[-1]) == (362.0, 386.0)
-    assert 0 < np.diff(standoffs).min() <= np.diff(standoffs).max() <= 1.5 + 1e-9
+    np.testing.assert_allclose(np.diff(1 / standoffs, n=2), 0, atol=1e-15)
+    assert 1.3 < standoffs[1] - standoffs[0] <= 1.5
+
+
+def test_a_long_sweep_takes_longer_steps_farther_away():
+    plan = AutofocusPlan(nearest="0.3 m", farthest="2.5 m", step="10 mm", iris=75)
+    standoffs = plan.standoffs_mm()
+    assert len(standoffs) == 29
+    assert standoffs[1] - standoffs[0] == pytest.approx(10, rel=0.05)
+    assert standoffs[-1] - standoffs[-2] > 400
+
+
+def test_what_a_search_assumes_unless_told(plan):
+    search = plan.autofocus
+    assert (search.measure, search.extensions, search.repeatability) == ("edge_width", 2, 0.02)
 
 
 def test_the_first_view_is_untilted_and_the_others_tilt_about_axes_across_the_optical_axis(plan):
@@ -73,6 +87,7 @@ def test_a_plan_round_trips_through_what_a_recording_keeps_of_it(plan):
         ("zoom = [90, 98.5]", "zoom = []", "zoom: Tuple should have at least 1 item"),
         ("zoom = [90, 98.5]", "zoom = [90, 90]", "zoom names a setting twice: 90, 90"),
         ("iris = 20", "", "views.iris: Field required"),
+        ("iris = 100", 'iris = 100\nmeasure = "wow"', "autofocus.measure: Input should be 'edge_w"),
     ],
 )
 def test_what_a_plan_may_not_say(tmp_path, old, new, message):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lenscal.errors import OutOfRangeError, SessionError
+from lenscal.errors import FileError, OutOfRangeError, SessionError
 from lenscal.plate import parse_target
 from lenscal.recording import JOURNAL, Recording
 from lenscal.rig.simulated import SimulatedRig
@@ -50,6 +50,7 @@ def test_the_iris_is_open_to_focus_and_closed_for_views(recorded):
     for record in recording.settings:
         assert record.focus.iris == 100
         assert {view.iris for view in record.views} == {20}
+        assert record.setting.iris == 20
 
 
 def test_the_views_look_at_the_board_from_where_the_plan_says(recorded):
@@ -98,7 +99,13 @@ def test_a_setting_beyond_the_travel_stops_before_anything_moves(tmp_path):
 
 
 def test_a_setting_that_cannot_be_focused_is_passed_over_with_its_reason(tmp_path):
-    search = {"nearest": "340 mm", "farthest": "350 mm", "step": "2 mm", "iris": 100}
+    search = {
+        "nearest": "340 mm",
+        "farthest": "350 mm",
+        "step": "2 mm",
+        "iris": 100,
+        "extensions": 0,
+    }
     rig = SimulatedRig.preset("vicon-1990")
     recording = run_session(small_plan(autofocus=search, zoom=(105.0,)), rig, tmp_path / "s")
     (record,) = recording.settings
@@ -118,3 +125,14 @@ def test_a_target_without_a_disk_cannot_be_focused_on():
         points_of_interest(parse_target("chessboard:9x6:25mm"))
     focus, view = points_of_interest(parse_target("charuco:17x13:3mm:2.25mm@0,0+disk:6mm@0,27"))
     assert (focus, view) == ((0.0, 27.0), (0.0, 0.0))
+
+
+def test_a_frame_that_cannot_be_kept_stops_the_session(tmp_path, monkeypatch):
+    rig, plan = SimulatedRig.preset("vicon-1990"), small_plan(zoom=(105.0,))
+    monkeypatch.setattr("lenscal.session.runner.cv2.imwrite", lambda *_: False)
+    with pytest.raises(FileError, match=r"cannot keep the frame .*00\.png; is the disk full"):
+        run_session(plan, rig, tmp_path / "full")
+    (tmp_path / "blocked").mkdir()
+    (tmp_path / "blocked" / "frames").write_text("")
+    with pytest.raises(FileError, match=r"cannot keep the frame .*00\.png: "):
+        run_session(plan, rig, tmp_path / "blocked")

@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from lenscal.errors import FocusError
-from lenscal.session.sharpness import find_disk, ring_sharpness
+from lenscal.session.disk_search import DiskImage, find_disk
+from lenscal.session.sharpness import MEASURES, Measure, ring_gradient_magnitude, ring_sharpness
 
 
 def picture(radius=(30.0, 36.0), centre=(80.3, 75.8), blur=1.5, noise=0.0, shape=(150, 160)):
@@ -65,3 +66,49 @@ def test_a_ring_without_contrast_is_refused():
     image = picture()
     with pytest.raises(FocusError, match="the disk has no contrast to its surroundings"):
         ring_sharpness(255 - image, find_disk(image))
+
+
+@pytest.mark.parametrize("measure", list(Measure))
+def test_every_measure_prefers_the_sharper_picture(measure):
+    scores = []
+    for blur in (1.0, 2.0, 4.0, 8.0):
+        image = picture(blur=blur)
+        scores.append(MEASURES[measure].score(image, find_disk(image)))
+    assert np.all(np.diff(scores) < 0)
+
+
+def test_the_criterion_of_the_paper_takes_800_px_and_leaves_out_what_is_below_its_threshold():
+    image = picture(noise=2.0)
+    disk = find_disk(image)
+    half = 400 / disk.perimeter_px
+    ring = np.abs(disk.rim_distance_px(image.shape)) <= half
+    assert ring.sum() == pytest.approx(800, rel=0.05)
+    whole = ring_gradient_magnitude(image, disk)
+    rim_alone = ring_gradient_magnitude(image, disk, threshold=20.0)
+    assert 0 < rim_alone < whole
+    assert ring_gradient_magnitude(image, disk, threshold=1e6) == 0
+
+
+def test_twelve_bits_measure_like_eight():
+    eight = picture()
+    twelve = eight.astype(np.uint16) * 16
+    assert find_disk(twelve) == find_disk(eight)
+    disk = find_disk(eight)
+    assert ring_sharpness(twelve, disk) == pytest.approx(ring_sharpness(eight, disk), rel=1e-5)
+
+
+def test_among_several_disks_the_one_expected_is_found():
+    """Nearest to the place, of the size, and no farther off than said."""
+    small = picture((15.0, 15.0), centre=(40.0, 75.0), shape=(150, 200))
+    large = picture((35.0, 35.0), centre=(140.0, 75.0), shape=(150, 200))
+    image = np.minimum(small, large)
+    assert find_disk(image, (60.0, 75.0)).centre_px[0] == pytest.approx(40, abs=0.5)
+    assert find_disk(image, (60.0, 75.0), 33.0).centre_px[0] == pytest.approx(140, abs=0.5)
+    with pytest.raises(FocusError, match="no round dark spot of about 33 px radius lies wholly"):
+        find_disk(image, (60.0, 75.0), 33.0, within_px=10.0)
+
+
+def test_a_disk_without_room_about_it_is_refused():
+    image = picture()
+    with pytest.raises(FocusError, match="has no room about its rim in the picture; take a larger"):
+        ring_sharpness(image, DiskImage((80.0, 75.0), (400.0, 400.0)))
