@@ -13,6 +13,7 @@ from lenscal.errors import LensCalError
 
 #: Command name to where it lives; modules load when a command is asked for.
 _COMMANDS: Final = {
+    "rig": "lenscal.cli.rig:rig",
     "session": "lenscal.cli.session:session",
     "calibrate": "lenscal.cli.calibrate:calibrate",
     "map": "lenscal.cli.map:map_command",

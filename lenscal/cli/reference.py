@@ -6,6 +6,7 @@ Run ``python -m lenscal.cli.reference > docs/cli.md`` after changing a command.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any, Final
 
 import click
 
@@ -18,6 +19,8 @@ is one line on standard error and a status other than zero; progress goes to sta
 to standard output.
 """
 
+_WIDTH: Final[dict[str, Any]] = {"terminal_width": 96, "help_option_names": ["-h", "--help"]}
+
 
 def reference() -> str:
     """Write the page.
@@ -28,22 +31,31 @@ def reference() -> str:
         Markdown: the help of every command.
     """
     parts = [_HEAD]
-    for path, command in _walk(("lenscal",), program):
-        context = click.Context(command, info_name=" ".join(path), terminal_width=96)
-        parts.append(f"## {' '.join(path)}\n\n```text\n{command.get_help(context)}\n```\n")
+    for context in walk(click.Context(program, info_name="lenscal", **_WIDTH)):
+        text = context.command.get_help(context)
+        parts.append(f"## {context.command_path}\n\n```text\n{text}\n```\n")
     return "\n".join(parts)
 
 
-def _walk(
-    path: tuple[str, ...], command: click.Command
-) -> Iterator[tuple[tuple[str, ...], click.Command]]:
-    yield path, command
-    if isinstance(command, click.Group):
-        context = click.Context(command)
-        for name in command.list_commands(context):
-            found = command.get_command(context, name)
+def walk(context: click.Context) -> Iterator[click.Context]:
+    """Visit a command and all below it, each in the context that it has when it is typed.
+
+    Parameters
+    ----------
+    context
+        Of the command to begin with.
+
+    Yields
+    ------
+    click.Context
+        Of one command.
+    """
+    yield context
+    if isinstance(context.command, click.Group):
+        for name in context.command.list_commands(context):
+            found = context.command.get_command(context, name)
             if found is not None:
-                yield from _walk((*path, name), found)
+                yield from walk(click.Context(found, parent=context, info_name=name, **_WIDTH))
 
 
 if __name__ == "__main__":
