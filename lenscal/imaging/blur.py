@@ -136,6 +136,7 @@ def blur(
     diameter_mm: Float32Image,
     sample_pitch_mm: FloatArray,
     aperture: Aperture = ROUND,
+    cells_per_pixel: int = 1,
 ) -> Float32Image:
     """Blur an image by the shape of the iris, of a size that varies from pixel to pixel.
 
@@ -146,8 +147,8 @@ def blur(
     Parameters
     ----------
     image
-        (height + 2 · margin y, width + 2 · margin x) sharp pixels, with the margins of
-        `blur_margin_px` for the largest diameter.
+        (n · (height + 2 · margin y), n · (width + 2 · margin x)) sharp cells, n of them along each
+        side of a pixel, with the margins of `blur_margin_px` for the largest diameter.
     diameter_mm
         (height, width) diameter on the sensor; negative for points nearer than the sharp plane,
         which show the iris turned by half a turn.
@@ -155,14 +156,19 @@ def blur(
         (2,) spacing of samples along x and y; where they differ a disk is an ellipse of pixels.
     aperture
         Shape of the blur.
+    cells_per_pixel
+        n.
 
     Returns
     -------
     Float32Image
-        (height, width) blurred pixels.
+        (height, width) blurred pixels, each the mean of its cells.
     """
+    n = cells_per_pixel
+    phases = [np.ascontiguousarray(image[y::n, x::n]) for y in range(n) for x in range(n)]
     margins = tuple(
-        (padded - inner) // 2 for padded, inner in zip(image.shape, diameter_mm.shape, strict=True)
+        (padded - inner) // 2
+        for padded, inner in zip(phases[0].shape, diameter_mm.shape, strict=True)
     )
     blurred = np.zeros(diameter_mm.shape, np.float32)
     for rows, columns in _tiles(*diameter_mm.shape):
@@ -170,8 +176,9 @@ def blur(
         out = blurred[rows, columns]
         near = np.signbit(tile)
         for shape, here in _sides(aperture, near):
-            for kernel, share in _mixture(np.abs(tile), sample_pitch_mm, shape):
-                out += _filtered(image, kernel, (rows, columns), margins) * share * here
+            for kernel, share in _mixture(np.abs(tile), sample_pitch_mm, shape, n):
+                for phase, part in zip(phases, _phase_kernels(kernel, n), strict=True):
+                    out += _filtered(phase, part, (rows, columns), margins) * share * here
     return blurred
 
 
@@ -185,15 +192,15 @@ def _sides(aperture: Aperture, near: BoolArray) -> list[tuple[Aperture, BoolArra
 
 
 def _mixture(
-    diameter_mm: Float32Image, sample_pitch_mm: FloatArray, aperture: Aperture
+    diameter_mm: Float32Image, sample_pitch_mm: FloatArray, aperture: Aperture, n: int
 ) -> list[tuple[Float32Image, Float32Image | float]]:
-    """List the kernels that a tile is blurred with, and the weight of each for every pixel."""
+    """List the kernels of cells that a tile is blurred with, and the weight of each everywhere."""
     scale = mean_pitch_mm(sample_pitch_mm)
     diameter_px = diameter_mm / np.float32(scale)
     lowest, highest = (
         math.floor(level_of(extreme)) for extreme in (diameter_px.min(), diameter_px.max())
     )
-    pitches = float(sample_pitch_mm[0]), float(sample_pitch_mm[1])
+    pitches = float(sample_pitch_mm[0]) / n, float(sample_pitch_mm[1]) / n
     levels = range(lowest, highest + 2)
     kernels = [blur_kernel(level_diameter_px(k) * scale, *pitches, aperture) for k in levels]
     shares = [share_of_level(k, diameter_px) for k in levels]
@@ -206,6 +213,29 @@ def _mixture(
             one[y : one.shape[0] - y, x : one.shape[1] - x] += kernel * share.flat[0]
         return [(one, 1.0)]
     return list(zip(kernels, shares, strict=True))
+
+
+def _phase_kernels(kernel: Float32Image, n: int) -> list[Float32Image]:
+    """Split a blur of cells, averaged over the n × n cells of a pixel, by place in the pixel.
+
+    Cell (n p + s) of the image meets pixel i through tap n (i − p) + t − s of the blur, summed over
+    the cells t of the pixel; so the cells at one place s are filtered on the grid of pixels.
+    """
+    reach_y, reach_x = (side // 2 for side in kernel.shape)
+    rows, columns = ((reach + n - 1) // n for reach in (reach_y, reach_x))
+    wide = np.zeros((2 * n * (rows + 1) + 1, 2 * n * (columns + 1) + 1))
+    y, x = n * (rows + 1), n * (columns + 1)
+    wide[y - reach_y : y + reach_y + 1, x - reach_x : x + reach_x + 1] = kernel
+    parts = []
+    for place_y in range(n):
+        for place_x in range(n):
+            part = np.zeros((2 * rows + 1, 2 * columns + 1))
+            for cell_y in range(n):
+                for cell_x in range(n):
+                    top, left = n + cell_y - place_y, n + cell_x - place_x
+                    part += wide[top::n, left::n][: 2 * rows + 1, : 2 * columns + 1]
+            parts.append((part / n**2).astype(np.float32))
+    return parts
 
 
 def _tiles(height: int, width: int) -> Iterator[tuple[slice, slice]]:

@@ -11,7 +11,7 @@ from lenscal.imaging.aperture import ROUND, Aperture
 from lenscal.imaging.blur import BlurFloor, blur, blur_margin_px, signed_blur_mm
 from lenscal.imaging.falloff import shaded
 from lenscal.imaging.plane_mapping import points_on_plane
-from lenscal.imaging.sampling import sharp_image
+from lenscal.imaging.sampling import CELLS_PER_PIXEL, sharp_image
 from lenscal.imaging.texture import Float32Image, TargetSurface
 from lenscal.pose import Pose
 from lenscal.sensor import Sensor, Window
@@ -101,7 +101,8 @@ def render(
     )
     sharp, depth_mm = sharp_image(camera, camera_from_target, surface, wide)
     inner = depth_mm[margin_y : margin_y + view.height, margin_x : margin_x + view.width]
-    return shaded(blur(sharp, blur_mm(inner), pitch_mm, aperture), camera, view, falloff)
+    blurred = blur(sharp, blur_mm(inner), pitch_mm, aperture, CELLS_PER_PIXEL)
+    return shaded(blurred, camera, view, falloff)
 
 
 def window_inside(window: Window | None, sensor: Sensor) -> Window:

@@ -18,6 +18,9 @@ from lenscal.sensor import Window
 
 #: Samples per pixel along each axis.
 SAMPLES_PER_PIXEL: Final = 4
+#: Cells per pixel along each axis that are kept apart until the blur has been applied: an edge that
+#: runs along the pixels would else carry the same error all along.
+CELLS_PER_PIXEL: Final = 2
 
 #: The image is drawn in blocks of this many px a side, so that texture and samples of a block stay
 #: in the cache, and memory does not grow with the image.
@@ -27,7 +30,7 @@ _BLOCK_PX: Final = 192
 def sharp_image(
     camera: Camera, camera_from_target: Pose, surface: TargetSurface, window: Window
 ) -> tuple[Float32Image, Float32Image]:
-    """Integrate a surface over every pixel, as a lens without any blur would.
+    """Integrate a surface over the cells of every pixel, as a lens without any blur would.
 
     Rays are followed exactly at the centres of pixels; within a pixel the mapping is linear, which
     is true to 1e-4 px.
@@ -45,12 +48,15 @@ def sharp_image(
 
     Returns
     -------
-    irradiance, depth_mm : Float32Image
-        (height, width) irradiance, and z of the plane in the camera frame, infinite where the ray
-        of a pixel does not meet it.
+    irradiance : Float32Image
+        (height · `CELLS_PER_PIXEL`, width · `CELLS_PER_PIXEL`).
+    depth_mm : Float32Image
+        (height, width) z of the plane in the camera frame, infinite where the ray of a pixel does
+        not meet it.
     """
-    image = np.full((window.height, window.width), surface.surroundings, np.float32)
-    depth_mm = np.zeros_like(image)
+    n = CELLS_PER_PIXEL
+    image = np.full((window.height * n, window.width * n), surface.surroundings, np.float32)
+    depth_mm = np.zeros((window.height, window.width), np.float32)
     for block in _blocks_of(window):
         rows = slice(block.top - window.top, block.top - window.top + block.height)
         columns = slice(block.left - window.left, block.left - window.left + block.width)
@@ -61,7 +67,8 @@ def sharp_image(
         if part is not None and surface.meets(part):
             pixel_mm = _pixel_mm(camera, camera_from_target, block)
             texture = surface.texture(part, pixel_mm / SAMPLES_PER_PIXEL)
-            image[rows, columns] = _pixels(surface, texture, seen.position_mm)
+            cells = slice(rows.start * n, rows.stop * n), slice(columns.start * n, columns.stop * n)
+            image[cells] = _cells(surface, texture, seen.position_mm)
     return image, depth_mm
 
 
@@ -88,10 +95,10 @@ def _next_cut(first: int) -> int:
     return (first // _BLOCK_PX + 1) * _BLOCK_PX
 
 
-def _pixels(surface: TargetSurface, texture: Texture, position_mm: FloatArray) -> Float32Image:
-    """Average the samples of pixels, whose points come with a rim of one pixel."""
+def _cells(surface: TargetSurface, texture: Texture, position_mm: FloatArray) -> Float32Image:
+    """Average the samples of every cell; the points of pixels come with a rim of one pixel."""
     samples_at = _samples_at(position_mm, texture)
-    # Of a pixel, `paper` is the share that is white paper and `sheet` the share on the sheet.
+    # Of a cell, `paper` is the share that is white paper and `sheet` the share on the sheet.
     paper = _mean_of_samples(texture.paper, samples_at)
     image = np.float32((1 - surface.ink) / 255) * paper
     if texture.sheet is None:
@@ -111,7 +118,7 @@ def _samples_at(position_mm: FloatArray, texture: Texture) -> Float32Image:
 
 
 def _mean_of_samples(texture: Artwork, samples_at: Float32Image) -> Float32Image:
-    n = SAMPLES_PER_PIXEL
+    n = SAMPLES_PER_PIXEL // CELLS_PER_PIXEL
     samples = cv2.remap(  # type: ignore[call-overload]  # OpenCV takes one map, its types do not
         texture,
         samples_at,

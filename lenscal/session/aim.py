@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lenscal.errors import InputError
 from lenscal.pose import Pose
 from lenscal.rig.interfaces import Rig
 
@@ -31,7 +32,17 @@ def hand_pose(
     -------
     Pose
         ``base_from_hand``.
+
+    Raises
+    ------
+    InputError
+        When the standoff is not positive: the target would lie behind the camera.
     """
+    if not standoff_mm > 0:
+        raise InputError(
+            f"a standoff must be positive, but is {standoff_mm:g} mm: the target would lie "
+            "behind the camera"
+        )
     to_point = Pose(np.eye(3), -np.array([*point_mm, 0.0]))
     away = Pose(np.eye(3), np.array([0.0, 0.0, standoff_mm]))
     camera_from_target = away @ (turn or Pose.identity()) @ to_point

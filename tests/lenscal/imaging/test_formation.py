@@ -40,13 +40,18 @@ def image(camera_from_target, surface, pupil_mm=40.0, **options):
 
 @pytest.mark.parametrize("depth_mm", [661.5, 664.0, 668.0, 640.0])
 def test_a_point_is_blurred_by_the_circle_of_confusion(depth_mm):
-    """Second moments of a dot grow by diameter²/16 along both axes, on the sensor in mm."""
+    """Second moments of a dot grow by diameter²/16 along both axes, on the sensor in mm.
+
+    Moments of what pixels sample depend on where the dot lies between them: by 2 % of the diameter
+    where the blur is as small as a pixel, by less than 1 % where it is larger.
+    """
     surface = TargetSurface(Disk(1.5), ink=0.0, surroundings=1.0)
     grown_mm2 = moments_mm2(image(pose(depth_mm=depth_mm), surface, floor=NO_FLOOR)) - moments_mm2(
         image(pose(depth_mm=depth_mm), surface, 1e-6, floor=NO_FLOOR)
     )
     expected = blur_diameter_mm(depth_mm, SHARP_MM, CAMERA.image_distance_mm, 40.0)
-    np.testing.assert_allclose(4 * np.sqrt(grown_mm2), expected, rtol=0.01)
+    tolerance = 0.03 if expected < 2 * SENSOR.sample_pitch_x_mm else 0.01
+    np.testing.assert_allclose(4 * np.sqrt(grown_mm2), expected, rtol=tolerance)
 
 
 def moments_mm2(picture):

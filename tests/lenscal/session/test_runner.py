@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from lenscal.errors import FileError, OutOfRangeError, SessionError
+from lenscal.errors import FileError, InputError, OutOfRangeError, SessionError
 from lenscal.plate import parse_target
 from lenscal.recording import JOURNAL, Recording
 from lenscal.rig.simulated import SimulatedRig
+from lenscal.session.aim import hand_pose
 from lenscal.session.plan import SessionPlan
 from lenscal.session.runner import points_of_interest, run_session
 
@@ -136,3 +137,10 @@ def test_a_frame_that_cannot_be_kept_stops_the_session(tmp_path, monkeypatch):
     (tmp_path / "blocked" / "frames").write_text("")
     with pytest.raises(FileError, match=r"cannot keep the frame .*00\.png: "):
         run_session(plan, rig, tmp_path / "blocked")
+
+
+@pytest.mark.parametrize("standoff_mm", [0.0, -370.0, np.nan])
+def test_a_target_behind_the_camera_cannot_be_aimed_at(standoff_mm):
+    rig = SimulatedRig.preset("vicon-1990")
+    with pytest.raises(InputError, match="a standoff must be positive, .* lie behind the camera"):
+        hand_pose(rig, standoff_mm)
