@@ -158,6 +158,31 @@ def test_places_that_cannot_be_reached_are_noted():
     assert "2 of 15 places of the sweep, from 364.0 mm to 365.4 mm, cannot be" in result.notes[0]
 
 
+class Rails(Moves):
+    """A positioner with a few stops only, between which it cannot stand."""
+
+    def __init__(self, rig, stops_mm):
+        super().__init__(rig)
+        self._stops_mm = np.append(stops_mm, -self._where(rig.positioner.base_from_hand))
+
+    def _where(self, base_from_hand):
+        target = self._rig.base_from_target.inverse() @ base_from_hand @ self._rig.hand_from_camera
+        return float(target.translation_mm[2])
+
+    def move_to(self, base_from_hand):
+        standoff_mm = -self._where(base_from_hand)
+        if np.abs(self._stops_mm - standoff_mm).min() > 1e-6:
+            raise OutOfRangeError("no stop there", standoff_mm, (0.0, 0.0))
+        return super().move_to(base_from_hand)
+
+
+def test_a_peak_that_cannot_be_looked_at_closely_is_said():
+    rig = make_rig((104, 100, 100))
+    rails = replace(rig, positioner=Rails(rig, SWEEP))
+    with pytest.raises(FocusError, match="pictures about the peak were reached and show a disk"):
+        autofocus(rails, SWEEP, point_mm=DISK)
+
+
 def test_no_clear_peak_even_wide_open():
     rig = make_rig((48, 100, 100))
     with pytest.raises(
