@@ -7,6 +7,7 @@ Introduction to Matrix Methods in Optics (1975).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -119,25 +120,25 @@ class OpticalSystem:
 
     @property
     def entrance_pupil_mm(self) -> float:
-        """Position of the entrance pupil: the image of the stop that the object sees."""
+        """Position of the entrance pupil, infinite for a lens telecentric towards the object."""
         (a, b), _ = self._to_stop
-        return float(self.front_mm + b / a)
+        return self.front_mm + _ratio(b, a)
 
     @property
     def entrance_pupil_magnification(self) -> float:
         """Diameter of the entrance pupil over that of the stop."""
-        return float(abs(1.0 / self._to_stop[0, 0]))
+        return abs(_ratio(1.0, self._to_stop[0, 0]))
 
     @property
     def exit_pupil_mm(self) -> float:
-        """Position of the exit pupil: the image of the stop that the sensor sees."""
+        """Position of the exit pupil, infinite for a lens telecentric towards the sensor."""
         (_, b), (_, d) = self._from_stop
-        return float(self.groups[-1].position_mm - b / d)
+        return self.groups[-1].position_mm - _ratio(b, d)
 
     @property
     def exit_pupil_magnification(self) -> float:
         """Diameter of the exit pupil over that of the stop."""
-        return float(abs(1.0 / self._from_stop[1, 1]))
+        return abs(_ratio(1.0, self._from_stop[1, 1]))
 
     @property
     def exit_pupil_distance_mm(self) -> float:
@@ -181,3 +182,8 @@ def _lens(focal_length_mm: float) -> FloatArray:
 
 def _gap(length_mm: float) -> FloatArray:
     return np.array([[1.0, length_mm], [0.0, 1.0]])
+
+
+def _ratio(numerator: float, denominator: float) -> float:
+    """Divide; what a telecentric lens has at infinity is infinite."""
+    return float(numerator / denominator) if denominator else math.inf

@@ -2,12 +2,19 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from lenscal.camera import Camera
 from lenscal.errors import InputError
+from lenscal.imaging.blur import BlurFloor
+from lenscal.imaging.formation import render
+from lenscal.imaging.texture import TargetSurface
 from lenscal.optics import blur_diameter_mm
+from lenscal.pose import Pose
 from lenscal.rig.simulated.optics import OpticalSystem, ThinGroup
+from lenscal.sensor import Sensor
+from lenscal.target import Disk
 
 focal_lengths = st.floats(15, 200).flatmap(lambda f: st.sampled_from([f, -f]))
 gaps = st.floats(1, 60)
@@ -124,6 +131,38 @@ def test_the_exit_pupil_is_the_image_of_the_stop(system, slope):
         slope -= height / group.focal_length_mm
     assume(abs(system.exit_pupil_distance_mm) < 1e5)
     assert abs(height + slope * (system.exit_pupil_mm - here_mm)) < 1e-6 * (1 + abs(height))
+
+
+# A camera can only look at what lies before it, which rules most random lenses out.
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
+@given(systems())
+def test_rendered_images_have_the_magnification_of_the_matrices(system):
+    """The disk of a random lens grows in the image as the ray-transfer matrix says."""
+    ratio, distance_mm = abs(system.lateral_magnification), system.object_distance_mm
+    assume(distance_mm > 1)
+    sensor = Sensor(160, 140, 0.01, 0.01)
+    disk_mm = 0.8 / ratio
+    assume(disk_mm < distance_mm)
+    image = render(
+        Camera(sensor, ratio * distance_mm),
+        Pose(np.eye(3), np.array([0.0, 0.0, distance_mm])),
+        TargetSurface(Disk(disk_mm), ink=0.0, surroundings=1.0),
+        object_distance_mm=distance_mm,
+        entrance_pupil_diameter_mm=1.0,
+        floor=BlurFloor(0.0, 0.0),
+    )
+    area_mm2 = float((1.0 - image).sum(dtype=np.float64)) * 0.01**2
+    assert 2 * np.sqrt(area_mm2 / np.pi) / disk_mm == pytest.approx(ratio, rel=2e-3)
+
+
+def test_a_telecentric_lens_has_its_pupil_at_infinity():
+    """The stop stands in the focus of the group behind it, then of the one before it."""
+    lens = OpticalSystem((ThinGroup(40.0, 0.0), ThinGroup(16.0, 32.0)), 16.0, 80.0)
+    assert abs(lens.exit_pupil_mm) == np.inf
+    assert lens.exit_pupil_magnification == np.inf
+    turned = OpticalSystem((ThinGroup(16.0, 0.0), ThinGroup(40.0, 32.0)), 16.0, 80.0)
+    assert abs(turned.entrance_pupil_mm) == np.inf
+    assert turned.entrance_pupil_magnification == np.inf
 
 
 def test_one_thin_lens_with_the_stop_on_it():
