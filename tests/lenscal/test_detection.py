@@ -1,5 +1,3 @@
-import os
-
 import cv2
 import numpy as np
 import pytest
@@ -169,11 +167,8 @@ def test_images_of_different_sizes_are_refused(tmp_path):
         load_images(str(tmp_path / "*.png"))
 
 
-def test_real_photographs():
+def test_real_photographs(reference_data):
     """OpenCV's 13 photographs: the board is found in all of them."""
-    folder = os.environ.get("LENSCAL_REFERENCE_DATA")
-    if not folder:
-        pytest.skip("LENSCAL_REFERENCE_DATA does not name the folder of reference data")
-    images = load_images(f"{folder}/opencv-chessboard/left*.jpg")
+    images = load_images(f"{reference_data}/opencv-chessboard/left*.jpg")
     assert len(images) == 13
     assert all(len(detect(image, Chessboard(9, 6, 25))) == 54 for _, image in images)

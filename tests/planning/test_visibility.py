@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import manifold3d
 import numpy as np
 import pytest
@@ -324,14 +321,11 @@ def test_larger_cutters_repair_a_step(bench) -> None:
     assert rest.volume() == pytest.approx(0.875)
 
 
-def test_known_defect_of_the_library_is_noticed() -> None:
+def test_known_defect_of_the_library_is_noticed(reference_data) -> None:
     """Two solids of which manifold3d loses 50 of 620,000 units of volume without saying so."""
-    folder = os.environ.get("LENSCAL_REFERENCE_DATA")
-    if not folder:
-        pytest.skip("LENSCAL_REFERENCE_DATA is not set; it holds the two solids")
     solids = []
     for name in "VU":
-        data = np.load(Path(folder) / "manifold3d-defect" / f"manifold_defect_{name}.npz")
+        data = np.load(reference_data / "manifold3d-defect" / f"manifold_defect_{name}.npz")
         solids.append(boolean.to_manifold(name, data["v"], data["f"]))
     with pytest.raises(GeometryError, match="volumes of a boolean operation fail to add up"):
         boolean.subtract(solids[0], [lambda _: solids[1]])

@@ -1,9 +1,7 @@
 """Worlds whose truth is known, and the reference data."""
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -79,12 +77,3 @@ def wide() -> World:
     """A wide lens with strong distortion."""
     camera = Camera(SENSOR, 6.0, 5e-3, SENSOR.centre_px + np.array([30, -20]))
     return _look(camera, 50.0, board=Chessboard(14, 10, 4.0))
-
-
-@pytest.fixture
-def reference_data() -> Path:
-    """Folder of the reference data, or a skip that says so."""
-    folder = os.environ.get("LENSCAL_REFERENCE_DATA")
-    if not folder or not Path(folder).is_dir():
-        pytest.skip("LENSCAL_REFERENCE_DATA does not name the folder of reference data")
-    return Path(folder)

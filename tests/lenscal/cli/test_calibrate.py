@@ -1,5 +1,4 @@
 import json
-import os
 
 import cv2
 import numpy as np
@@ -19,11 +18,8 @@ from lenscal.target import Chessboard
 
 
 @pytest.fixture
-def photographs():
-    folder = os.environ.get("LENSCAL_REFERENCE_DATA")
-    if not folder:
-        pytest.skip("LENSCAL_REFERENCE_DATA does not name the folder of reference data")
-    return f"{folder}/opencv-chessboard/left*.jpg"
+def photographs(reference_data):
+    return f"{reference_data}/opencv-chessboard/left*.jpg"
 
 
 def _run(*arguments):
