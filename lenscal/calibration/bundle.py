@@ -1,18 +1,20 @@
 """Least squares over one camera and the poses of all views, by Levenberg and Marquardt.
 
-Every residual depends on the intrinsics and on one pose, so the normal equations are an arrow: the
-6 × 6 blocks of the poses are eliminated view by view (Schur complement) and only a system of the
-size of the intrinsics is solved.
+Every residual depends on what the views share and on one pose, so the normal equations are an
+arrow: the 6 × 6 blocks of the poses are eliminated view by view (Schur complement), and only a
+system of the size of what is shared is solved. Shared are the intrinsics and, where a robot carried
+the camera, the mounting; what the robot knows of the poses enters as `Knowledge` besides the
+pixels.
 """
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
 from lenscal.arrays import BoolArray, FloatArray
-from lenscal.calibration.projection import Projection, project
+from lenscal.calibration.projection import Projection, project, project_with_derivatives
 from lenscal.calibration.views import State, Views
 from lenscal.errors import DegenerateGeometryError
 
@@ -32,6 +34,79 @@ _MOST_DAMPING: Final = 1e12
 _SINGULAR: Final = 1e-15
 
 
+class System(NamedTuple):
+    """The blocks of normal equations.
+
+    Parameters
+    ----------
+    shared
+        (k, k) of the free shared parameters.
+    cross
+        (V, k, 6) between these and each pose.
+    poses
+        (V, 6, 6).
+    shared_slope
+        (k,) half the derivative of the cost.
+    pose_slopes
+        (V, 6) the same of each pose.
+    """
+
+    shared: FloatArray
+    cross: FloatArray
+    poses: FloatArray
+    shared_slope: FloatArray
+    pose_slopes: FloatArray
+
+    def plus(self, other: System) -> System:
+        """Add the equations of further observations.
+
+        Parameters
+        ----------
+        other
+            Theirs, of the same parameters.
+
+        Returns
+        -------
+        System
+            The equations of both.
+        """
+        return System(*(mine + its for mine, its in zip(self, other, strict=True)))
+
+
+class Knowledge(Protocol):
+    """What is known besides the pixels, as a sum of squares in the weight of pixels."""
+
+    def cost(self, state: State) -> float:
+        """Sum the squares.
+
+        Parameters
+        ----------
+        state
+            The parameters.
+
+        Returns
+        -------
+        float
+            The sum in px².
+        """
+
+    def system(self, state: State, free: BoolArray) -> System:
+        """Linearise.
+
+        Parameters
+        ----------
+        state
+            The parameters.
+        free
+            (K,) or (K + 12,) which shared parameters move.
+
+        Returns
+        -------
+        System
+            The normal equations of the sum.
+        """
+
+
 def residuals(views: Views, state: State) -> FloatArray:
     """Subtract what was seen from what the parameters predict.
 
@@ -45,9 +120,16 @@ def residuals(views: Views, state: State) -> FloatArray:
     Returns
     -------
     FloatArray
-        (V, M, 2) px; zero in the padding, NaN where a point cannot be projected.
+        (V, 2, M) px; zero in the padding, NaN where a point cannot be projected.
     """
-    return _residuals(views, _project(views, state))
+    pixels = project(
+        views.points_mm,
+        state.intrinsics,
+        state.rotations,
+        state.placements,
+        views.element_pitch_mm,
+    )
+    return _residuals(views, pixels)
 
 
 class Fit(NamedTuple):
@@ -58,9 +140,9 @@ class Fit(NamedTuple):
     state
         The parameters.
     residuals_px
-        (V, M, 2) prediction minus observation there.
+        (V, 2, M) prediction minus observation there.
     cost
-        Weighted sum of squared residuals in px².
+        Weighted sum of squared residuals in px², with what else is known.
     settled
         Whether it converged, rather than ran out of steps.
     """
@@ -72,7 +154,13 @@ class Fit(NamedTuple):
 
 
 def fit(
-    views: Views, start: State, free: BoolArray, weights: FloatArray, steps: int = _STEPS
+    views: Views,
+    start: State,
+    free: BoolArray,
+    weights: FloatArray,
+    *,
+    knowledge: Knowledge | None = None,
+    steps: int = _STEPS,
 ) -> Fit:
     """Minimise the weighted sum of squared pixel residuals.
 
@@ -83,9 +171,11 @@ def fit(
     start
         First parameters.
     free
-        (K,) which intrinsics may move; poses always do.
+        (K,) which intrinsics may move, (K + 12,) with those of the mounting; poses always do.
     weights
         (V, M) weight of each observation; those of weight zero, the padding too, are not looked at.
+    knowledge
+        What is known besides.
     steps
         How many steps may be taken.
 
@@ -94,20 +184,21 @@ def fit(
     Fit
         The best parameters reached.
     """
-    point = _Point.at(views, start, weights)
+    problem = _Problem(views, free, weights, knowledge)
+    point = problem.at(start)
     floor = _ROUNDING_PX**2 * float(weights.sum())
     damping, settled = _FIRST_DAMPING, False
     for _ in range(steps):
-        system = _normal_equations(point.projection, point.residual, free, weights)
+        system = problem.system(point)
         while damping < _MOST_DAMPING:
             step = _step(system, free, damping)
-            trial = _Point.at(views, point.state.moved(*step), weights)
+            trial = problem.at(point.state.moved(*step))
             if trial.cost > point.cost:
                 # Along a direction that the data hardly hold, the curvature that Gauss and Newton
                 # neglect is as large as theirs, and a whole step overshoots again and again.
                 share = _vertex(point.cost, _slope(system, free, step), trial.cost)
-                shorter = point.state.moved(share * step[0], share * step[1])
-                trial = min(trial, _Point.at(views, shorter, weights), key=lambda p: p.cost)
+                shorter = problem.at(point.state.moved(share * step[0], share * step[1]))
+                trial = min(trial, shorter, key=lambda p: p.cost)
             # Rounding alone moves the cost of a finished fit.
             if trial.cost <= point.cost * (1 + _SETTLED) + floor:
                 break
@@ -126,20 +217,20 @@ class Covariance(NamedTuple):
 
     Parameters
     ----------
-    intrinsics
-        (K, K), zero for those held fixed.
+    shared
+        (K, K) or (K + 12, K + 12), zero for those held fixed.
     poses
         (V, 6, 6) of rotation vector and placement.
     cross
         (V, K, 6) between the two.
     """
 
-    intrinsics: FloatArray
+    shared: FloatArray
     poses: FloatArray
     cross: FloatArray
 
     def joint(self, view: int) -> FloatArray:
-        """Put intrinsics and one pose together.
+        """Put shared parameters and one pose together.
 
         Parameters
         ----------
@@ -151,12 +242,16 @@ class Covariance(NamedTuple):
         FloatArray
             (K + 6, K + 6).
         """
-        return np.block(
-            [[self.intrinsics, self.cross[view]], [self.cross[view].T, self.poses[view]]]
-        )
+        return np.block([[self.shared, self.cross[view]], [self.cross[view].T, self.poses[view]]])
 
 
-def covariance(views: Views, state: State, free: BoolArray, weights: FloatArray) -> Covariance:
+def covariance(
+    views: Views,
+    state: State,
+    free: BoolArray,
+    weights: FloatArray,
+    knowledge: Knowledge | None = None,
+) -> Covariance:
     """Invert the normal equations at a solution.
 
     Parameters
@@ -166,9 +261,11 @@ def covariance(views: Views, state: State, free: BoolArray, weights: FloatArray)
     state
         The solution.
     free
-        (K,) which intrinsics moved.
+        (K,) or (K + 12,) which shared parameters moved.
     weights
         (V, M) weight of each observation.
+    knowledge
+        What is known besides.
 
     Returns
     -------
@@ -180,11 +277,12 @@ def covariance(views: Views, state: State, free: BoolArray, weights: FloatArray)
     DegenerateGeometryError
         When the observations leave a parameter undetermined.
     """
-    projection = _project(views, state)
-    system = _normal_equations(projection, _residuals(views, projection), free, weights)
-    reduced, eliminated = _reduce(system.intrinsics, system.cross, system.poses)
-    scale = np.sqrt(np.diag(system.intrinsics))
-    normalised = reduced / np.outer(scale, scale)
+    problem = _Problem(views, free, weights, knowledge)
+    system = problem.system(problem.at(state))
+    reduced, eliminated = _reduce(system.shared, system.cross, system.poses)
+    scale = np.sqrt(np.diag(system.shared))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normalised = reduced / np.outer(scale, scale)
     if not np.isfinite(normalised).all() or np.linalg.eigvalsh(normalised)[0] < _SINGULAR:
         raise DegenerateGeometryError(
             "the views do not determine the camera: two of its parameters have the same effect on "
@@ -205,21 +303,63 @@ class _Point(NamedTuple):
     """Parameters, and what they predict."""
 
     state: State
-    projection: Projection
+    jacobian: FloatArray
     residual: FloatArray
     cost: float
 
-    @classmethod
-    def at(cls, views: Views, state: State, weights: FloatArray) -> _Point:
-        projection = _project(views, state)
-        residual = _residuals(views, projection)
-        return cls(state, projection, residual, _cost(residual, weights))
+
+class _Problem:
+    """What stays the same while parameters move."""
+
+    def __init__(
+        self, views: Views, free: BoolArray, weights: FloatArray, knowledge: Knowledge | None
+    ) -> None:
+        self._views, self._free, self._knowledge = views, free, knowledge
+        self._counted = weights > 0
+        self._root = np.sqrt(np.where(self._counted, weights, 0.0))[:, None]
+
+    def at(self, state: State) -> _Point:
+        intrinsics = state.intrinsics
+        projection: Projection = project_with_derivatives(
+            self._views.points_mm,
+            intrinsics,
+            state.rotations,
+            state.placements,
+            self._views.element_pitch_mm,
+            self._free[: len(intrinsics)],
+        )
+        residual = _residuals(self._views, projection.pixels)
+        weighted = np.where(self._counted[:, None], residual, 0.0) * self._root
+        cost = float((weighted**2).sum())
+        if self._knowledge is not None:
+            cost += self._knowledge.cost(state)
+        return _Point(state, projection.jacobian, residual, np.inf if np.isnan(cost) else cost)
+
+    def system(self, point: _Point) -> System:
+        # A point that cannot be projected pulls nowhere.
+        valid = np.isfinite(point.residual) & self._counted[:, None]
+        views = len(valid)
+        weighted = np.where(valid, point.residual, 0.0) * self._root
+        rows = (point.jacobian * (self._root * valid)[:, None]).reshape(views, -1, valid[0].size)
+        square = rows @ rows.transpose(0, 2, 1)
+        slope = (rows @ weighted.reshape(views, -1, 1))[..., 0]
+        # The mounting stands after the intrinsics and moves no pixel of its own.
+        k, total = rows.shape[1] - 6, int(self._free.sum())
+        shared, cross = np.zeros((total, total)), np.zeros((views, total, 6))
+        shared_slope = np.zeros(total)
+        shared[:k, :k] = square[:, :k, :k].sum(axis=0)
+        cross[:, :k] = square[:, :k, k:]
+        shared_slope[:k] = slope[:, :k].sum(axis=0)
+        system = System(shared, cross, square[:, k:, k:], shared_slope, slope[:, k:])
+        if self._knowledge is None:
+            return system
+        return system.plus(self._knowledge.system(point.state, self._free))
 
 
-def _slope(system: _System, free: BoolArray, step: tuple[FloatArray, FloatArray]) -> float:
+def _slope(system: System, free: BoolArray, step: tuple[FloatArray, FloatArray]) -> float:
     """Derivative of the cost along a step, at its start."""
-    intrinsics = float(system.intrinsics_slope @ step[0][free])
-    return 2 * (intrinsics + float((system.pose_slopes * step[1]).sum()))
+    shared = float(system.shared_slope @ step[0][free])
+    return 2 * (shared + float((system.pose_slopes * step[1]).sum()))
 
 
 def _vertex(cost: float, slope: float, ahead: float) -> float:
@@ -229,65 +369,19 @@ def _vertex(cost: float, slope: float, ahead: float) -> float:
     return float(np.clip(-slope / (2 * (ahead - cost - slope)), 0.1, 1.0))
 
 
-class _System(NamedTuple):
-    """The blocks of the normal equations."""
-
-    intrinsics: FloatArray
-    cross: FloatArray
-    poses: FloatArray
-    intrinsics_slope: FloatArray
-    pose_slopes: FloatArray
+def _residuals(views: Views, pixels: FloatArray) -> FloatArray:
+    return np.where(views.present[:, None], pixels - views.pixels, 0.0)
 
 
-def _project(views: Views, state: State) -> Projection:
-    return project(
-        views.points_mm,
-        state.intrinsics,
-        state.rotations,
-        state.placements,
-        views.element_pitch_mm,
-    )
-
-
-def _residuals(views: Views, projection: Projection) -> FloatArray:
-    return np.where(views.present[..., None], projection.pixels - views.pixels, 0.0)
-
-
-def _cost(residual: FloatArray, weights: FloatArray) -> float:
-    squared = np.where(weights > 0, (residual**2).sum(axis=-1) * weights, 0.0)
-    return float(np.where(np.isnan(squared), np.inf, squared).sum())
-
-
-def _normal_equations(
-    projection: Projection, residual: FloatArray, free: BoolArray, weights: FloatArray
-) -> _System:
-    root = np.sqrt(weights)[..., None, None]
-    jacobian = np.concatenate([projection.by_intrinsics[..., free], projection.by_pose], axis=-1)
-    jacobian = np.where(root > 0, root * jacobian, 0.0)
-    weighted = np.where(root[..., 0] > 0, root[..., 0] * residual, 0.0)
-    views, width = len(jacobian), jacobian.shape[-1]
-    rows = jacobian.reshape(views, -1, width)
-    square = rows.transpose(0, 2, 1) @ rows
-    slope = (rows.transpose(0, 2, 1) @ weighted.reshape(views, -1, 1))[..., 0]
-    k = width - 6
-    return _System(
-        square[:, :k, :k].sum(axis=0),
-        square[:, :k, k:],
-        square[:, k:, k:],
-        slope[:, :k].sum(axis=0),
-        slope[:, k:],
-    )
-
-
-def _step(system: _System, free: BoolArray, damping: float) -> tuple[FloatArray, FloatArray]:
+def _step(system: System, free: BoolArray, damping: float) -> tuple[FloatArray, FloatArray]:
     """Solve the damped normal equations; Marquardt's scaling makes units irrelevant."""
-    intrinsics = system.intrinsics + damping * np.diag(np.diag(system.intrinsics))
+    shared = system.shared + damping * np.diag(np.diag(system.shared))
     poses = system.poses + damping * system.poses * np.eye(6)
     full = np.zeros(len(free))
     if free.any():
-        reduced, eliminated = _reduce(intrinsics, system.cross, poses)
-        slope = system.intrinsics_slope - np.einsum("vkp,vp->k", eliminated, system.pose_slopes)
-        scale = np.sqrt(np.maximum(np.diag(intrinsics), np.finfo(float).tiny))
+        reduced, eliminated = _reduce(shared, system.cross, poses)
+        slope = system.shared_slope - np.einsum("vkp,vp->k", eliminated, system.pose_slopes)
+        scale = np.sqrt(np.maximum(np.diag(shared), np.finfo(float).tiny))
         normalised = reduced / np.outer(scale, scale)
         full[free] = np.linalg.lstsq(normalised, -slope / scale, rcond=1e-15)[0] / scale
     pull = system.pose_slopes + np.einsum("vkp,k->vp", system.cross, full[free])
@@ -295,11 +389,11 @@ def _step(system: _System, free: BoolArray, damping: float) -> tuple[FloatArray,
 
 
 def _reduce(
-    intrinsics: FloatArray, cross: FloatArray, poses: FloatArray
+    shared: FloatArray, cross: FloatArray, poses: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Eliminate the poses: the Schur complement, and cross · poses⁻¹."""
     eliminated = np.linalg.solve(_solvable(poses), cross.mT).mT.astype(np.float64)
-    return intrinsics - np.einsum("vkp,vlp->kl", eliminated, cross), eliminated
+    return shared - np.einsum("vkp,vlp->kl", eliminated, cross), eliminated
 
 
 def _solvable(poses: FloatArray) -> FloatArray:

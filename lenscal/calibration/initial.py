@@ -52,7 +52,7 @@ def homographies(views: Views) -> tuple[FloatArray, BoolArray]:
     matrices = np.tile(np.eye(3), (len(views.present), 1, 1))
     found = np.zeros(len(matrices), dtype=bool)
     for view, present in enumerate(views.present):
-        plane, seen = views.points_mm[view, present, :2], views.pixels[view, present]
+        plane, seen = views.points_mm[view, :2, present], views.pixels[view][:, present].T
         if len(plane) < 4 or on_a_line(plane) or on_a_line(seen):
             continue
         extent = np.linalg.norm(np.ptp(seen, axis=0))
@@ -178,5 +178,5 @@ def _with_perspective(intrinsics: FloatArray, on_sensor: FloatArray, perspective
 
 def _typical_miss(views: Views, state: State) -> float:
     """Median distance of prediction and observation, which bad corners do not move."""
-    missed = np.linalg.norm(residuals(views, state), axis=-1)[views.present]
+    missed = np.linalg.norm(residuals(views, state), axis=1)[views.present]
     return float(np.median(np.where(np.isnan(missed), np.inf, missed)))

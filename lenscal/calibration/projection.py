@@ -11,6 +11,9 @@ share in s; d itself enters through 1/d alone, the strength of perspective, so t
 along the valley of equal d/D in a straight line, and a lens without perspective is 1/d = 0, not an
 infinity. Distortion maps distorted to undistorted (`lenscal.camera`); its inverse is differentiated
 by the implicit function theorem.
+
+Arrays hold coordinates before points, (V, 2, M), so that every coordinate of all points lies in one
+piece; a calibration spends its time here.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from lenscal.arrays import FloatArray
+from lenscal.arrays import BoolArray, FloatArray
 from lenscal.camera import Camera
 from lenscal.sensor import Sensor
 
@@ -28,6 +31,8 @@ PERSPECTIVE, CENTRE_X, CENTRE_Y, SCALE_FACTOR, DECENTRING_1, DECENTRING_2, RADIA
 
 #: Newton steps that the inversion of the distortion may take; it converges quadratically.
 _NEWTON_STEPS: Final = 20
+#: Share of the size of the image that is rounding.
+_ROUNDING: Final = 1e-14
 
 
 class Projection(NamedTuple):
@@ -36,16 +41,14 @@ class Projection(NamedTuple):
     Parameters
     ----------
     pixels
-        (V, M, 2) where the points appear; NaN behind the camera and beyond the distortion's fold.
-    by_intrinsics
-        (V, M, 2, K) derivatives by the intrinsic parameters.
-    by_pose
-        (V, M, 2, 6) derivatives by a rotation vector applied on the left and by the placement.
+        (V, 2, M) where the points appear; NaN behind the camera and beyond the distortion's fold.
+    jacobian
+        (V, k + 6, 2, M) derivatives by the k free intrinsic parameters, by a rotation vector
+        applied on the left, and by the placement; finite everywhere.
     """
 
     pixels: FloatArray
-    by_intrinsics: FloatArray
-    by_pose: FloatArray
+    jacobian: FloatArray
 
 
 def intrinsics_of(camera: Camera) -> FloatArray:
@@ -112,13 +115,13 @@ def project(
     rotations: FloatArray,
     placements: FloatArray,
     element_pitch_mm: FloatArray,
-) -> Projection:
-    """Project the points of all views, with derivatives.
+) -> FloatArray:
+    """Project the points of all views.
 
     Parameters
     ----------
     points_mm
-        (V, M, 3) target points relative to the middle of their view.
+        (V, 3, M) target points relative to the middle of their view.
     intrinsics
         (K,) as `intrinsics_of` writes it.
     rotations
@@ -130,130 +133,220 @@ def project(
 
     Returns
     -------
+    FloatArray
+        (V, 2, M) where the points appear; NaN behind the camera and beyond the distortion's fold.
+    """
+    ideal, _, in_front = _pinhole(rotations @ points_mm, placements, intrinsics[PERSPECTIVE])
+    distorted, settled = _distort(ideal, intrinsics)
+    return _to_pixels(distorted, in_front & settled, intrinsics, element_pitch_mm)
+
+
+def project_with_derivatives(
+    points_mm: FloatArray,
+    intrinsics: FloatArray,
+    rotations: FloatArray,
+    placements: FloatArray,
+    element_pitch_mm: FloatArray,
+    free: BoolArray,
+) -> Projection:
+    """Project the points of all views, with derivatives.
+
+    Parameters
+    ----------
+    points_mm
+        (V, 3, M) target points relative to the middle of their view.
+    intrinsics
+        (K,) as `intrinsics_of` writes it.
+    rotations
+        (V, 3, 3) camera from target.
+    placements
+        (V, 3) a, b in mm on the sensor, and the magnification s.
+    element_pitch_mm
+        (2,) spacing of the sensor's elements; the scale factor is among the intrinsics.
+    free
+        (K,) by which intrinsics to differentiate.
+
+    Returns
+    -------
     Projection
         Pixels and derivatives.
     """
     perspective = intrinsics[PERSPECTIVE]
-    rotated = points_mm @ rotations.transpose(0, 2, 1)
-    scale = placements[:, None, 2]
-    depth = 1.0 + scale * perspective * rotated[..., 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse_depth = np.where(depth > 0, 1.0 / depth, np.nan)
-    ideal = (scale[..., None] * rotated[..., :2] + placements[:, None, :2]) * inverse_depth[
-        ..., None
-    ]
+    rotated = rotations @ points_mm
+    ideal, inverse_depth, in_front = _pinhole(rotated, placements, perspective)
+    distorted, settled = _distort(ideal, intrinsics)
+    pixels = _to_pixels(distorted, in_front & settled, intrinsics, element_pitch_mm)
+    (xx, xy), (yx, yy) = _inverse_slope(distorted, intrinsics)
+    pitch_x, pitch_y = element_pitch_mm * (intrinsics[SCALE_FACTOR], 1.0)
 
-    distorted, inverse_slope, radial_terms, decentring_terms = _distort(ideal, intrinsics)
-    pitch = element_pitch_mm * (intrinsics[SCALE_FACTOR], 1.0)
-    pixels = distorted / pitch + intrinsics[[CENTRE_X, CENTRE_Y]]
+    # Columns are first written as the movement of the ideal point, on the sensor in mm.
+    indices = np.flatnonzero(free)
+    jacobian = np.zeros((len(rotations), len(indices) + 6, *ideal.shape[1:]))
+    for column, index in enumerate(indices):
+        if index == PERSPECTIVE:
+            depth = rotated[:, 2] * placements[:, None, 2] * inverse_depth
+            jacobian[:, column] = -ideal * depth[:, None]
+        elif index >= DECENTRING_1:
+            # u(x, κ) is held at the ideal point, so that dx/dκ = −(∂u/∂x)⁻¹ ∂u/∂κ.
+            jacobian[:, column] = -_distortion_term(distorted, int(index))
+    _ideal_by_pose(jacobian[:, -6:], rotated, ideal, inverse_depth, placements, perspective)
+    across, down = jacobian[:, :, 0], jacobian[:, :, 1]
+    moved_x = (xx / pitch_x)[:, None] * across + (xy / pitch_x)[:, None] * down
+    moved_y = (yx / pitch_y)[:, None] * across + (yy / pitch_y)[:, None] * down
+    jacobian[:, :, 0], jacobian[:, :, 1] = moved_x, moved_y
+    for column, index in enumerate(indices):
+        if index in (CENTRE_X, CENTRE_Y):
+            jacobian[:, column, index - CENTRE_X] = 1.0
+        elif index == SCALE_FACTOR:
+            jacobian[:, column, 0] = -distorted[:, 0] / (pitch_x * intrinsics[SCALE_FACTOR])
+    return Projection(pixels, jacobian)
 
-    by_ideal = inverse_slope / pitch[:, None]
-    ideal_by_pose = _ideal_by_pose(rotated, ideal, inverse_depth, scale, perspective)
-    ideal_by_perspective = -ideal * (scale * rotated[..., 2] * inverse_depth)[..., None]
-    by_intrinsics = np.zeros((*pixels.shape, len(intrinsics)))
-    by_intrinsics[..., PERSPECTIVE] = _times(by_ideal, ideal_by_perspective[..., None])[..., 0]
-    by_intrinsics[..., 0, CENTRE_X] = by_intrinsics[..., 1, CENTRE_Y] = 1.0
-    by_intrinsics[..., 0, SCALE_FACTOR] = -distorted[..., 0] / (pitch[0] * intrinsics[SCALE_FACTOR])
-    # u(x, κ) is held at the ideal point, so that dx/dκ = −(∂u/∂x)⁻¹ ∂u/∂κ.
-    by_intrinsics[..., DECENTRING_1:RADIAL] = -_times(by_ideal, decentring_terms)
-    by_intrinsics[..., RADIAL:] = -_times(by_ideal, radial_terms)
-    return Projection(pixels, by_intrinsics, _times(by_ideal, ideal_by_pose))
+
+def _pinhole(
+    rotated: FloatArray, placements: FloatArray, perspective: float
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Ideal image points (V, 2, M), one over the relative depth (V, M), and whether it is > 0."""
+    scale = placements[:, 2, None]
+    depth = 1.0 + (scale * perspective) * rotated[:, 2]
+    in_front = depth > 0
+    inverse_depth = in_front / np.where(in_front, depth, 1.0)
+    ideal = (scale[:, None] * rotated[:, :2] + placements[:, :2, None]) * inverse_depth[:, None]
+    return ideal, inverse_depth, in_front
+
+
+def _to_pixels(
+    distorted: FloatArray, valid: BoolArray, intrinsics: FloatArray, element_pitch_mm: FloatArray
+) -> FloatArray:
+    pitch = (element_pitch_mm * (intrinsics[SCALE_FACTOR], 1.0))[:, None]
+    pixels: FloatArray = distorted / pitch + intrinsics[[CENTRE_X, CENTRE_Y], None]
+    if not valid.all():
+        pixels[np.broadcast_to(~valid[:, None], pixels.shape)] = np.nan
+    return pixels
 
 
 def _ideal_by_pose(
+    jacobian: FloatArray,
     rotated: FloatArray,
     ideal: FloatArray,
     inverse_depth: FloatArray,
-    scale: FloatArray,
+    placements: FloatArray,
     perspective: float,
-) -> FloatArray:
-    """(V, M, 2, 6) of the ideal image point by rotation vector and placement."""
-    x, y, z = np.moveaxis(rotated, -1, 0)
-    zero = np.zeros_like(x)
-    # A small rotation ω moves a rotated point by ω × point.
-    x_turn, y_turn, z_turn = (
-        np.stack(rows, axis=-1) for rows in ([zero, z, -y], [-z, zero, x], [y, -x, zero])
-    )
-    jacobian = np.zeros((*ideal.shape, 6))
-    weight = (scale * inverse_depth)[..., None]
-    for axis, turn in enumerate((x_turn, y_turn)):
-        jacobian[..., axis, :3] = weight * (turn - perspective * ideal[..., axis, None] * z_turn)
-        jacobian[..., axis, 3 + axis] = inverse_depth
-        jacobian[..., axis, 5] = inverse_depth * (
-            rotated[..., axis] - perspective * ideal[..., axis] * z
-        )
-    return jacobian
+) -> None:
+    """Write the derivatives (V, 6, 2, M) of the ideal point by rotation vector and placement."""
+    x, y, z = rotated[:, 0], rotated[:, 1], rotated[:, 2]
+    weight = placements[:, 2, None] * inverse_depth
+    # A small rotation ω moves a rotated point by ω × point; its depth, by ω_x y − ω_y x.
+    nearer = (weight * perspective)[:, None] * ideal
+    jacobian[:, 0] = -nearer * y[:, None]
+    jacobian[:, 1] = nearer * x[:, None]
+    jacobian[:, 0, 1] -= weight * z
+    jacobian[:, 1, 0] += weight * z
+    jacobian[:, 2, 0] = -weight * y
+    jacobian[:, 2, 1] = weight * x
+    jacobian[:, 3, 0] = jacobian[:, 4, 1] = inverse_depth
+    foreshortened = rotated[:, :2] - (perspective * z)[:, None] * ideal
+    jacobian[:, 5] = inverse_depth[:, None] * foreshortened
 
 
-def _distort(
-    ideal: FloatArray, intrinsics: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Invert the distortion by Newton's method.
+def _distort(ideal: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Invert the distortion by Newton's method; tell where it settled.
 
-    Gives distorted points (…, 2), the inverse of the slope ∂u/∂x (…, 2, 2), and ∂u/∂κ for the
-    radial (…, 2, n) and the decentring (…, 2, 2) coefficients.
+    Points that never settle, because they lie beyond the fold of the polynomial, come back as the
+    principal point.
     """
     radial, decentring = intrinsics[RADIAL:], intrinsics[DECENTRING_1:RADIAL]
-    distorted = ideal
-    tolerance = 1e-14 * np.nanmax(np.abs(ideal), initial=1e-3)
-    moved = np.zeros(())
-    for _ in range(_NEWTON_STEPS if intrinsics[DECENTRING_1:].any() else 0):
-        undistorted, inverse_slope = _undistort(distorted, radial, decentring)
-        step = _times(inverse_slope, (undistorted - ideal)[..., None])[..., 0]
-        distorted = distorted - step
-        moved = np.abs(step).max(axis=-1)
-        if not np.nanmax(moved, initial=0.0) > tolerance:
-            break
-    # A point beyond the fold of the polynomial never settles.
-    settled = np.where((moved <= 1e3 * tolerance)[..., None], distorted, np.nan)
-    _, inverse_slope = _undistort(settled, radial, decentring)
-    squared = (settled**2).sum(axis=-1)
-    powers = np.stack([squared ** (i + 1) for i in range(len(radial))], axis=-1)
-    return (
-        settled,
-        inverse_slope,
-        settled[..., None] * powers[..., None, :],
-        _decentring_terms(settled),
-    )
+    if not intrinsics[DECENTRING_1:].any():
+        return ideal, np.ones_like(ideal[:, 0], dtype=bool)
+    tolerance = _ROUNDING * max(float(np.abs(ideal).max(initial=0.0)), 1e-3)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        distorted, moved = _distort_radially(ideal, radial, tolerance)
+        if decentring.any():
+            distorted, moved = _distort_fully(ideal, distorted, intrinsics, tolerance)
+    settled = moved <= 1e3 * tolerance
+    if not settled.all():
+        distorted = np.where(settled[:, None], distorted, 0.0)
+    return distorted, settled
 
 
-def _undistort(
-    distorted: FloatArray, radial: FloatArray, decentring: FloatArray
+def _distort_radially(
+    ideal: FloatArray, radial: FloatArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Undistorted points and the inverse of their slope by the distorted ones."""
-    x, y = distorted[..., 0], distorted[..., 1]
+    """Solve r (1 + κ1 r² + …) = r_u for the share r / r_u."""
+    squared_ideal = ideal[:, 0] ** 2 + ideal[:, 1] ** 2
+    share = np.ones_like(squared_ideal)
+    moved = np.zeros_like(share)
+    radius = np.sqrt(squared_ideal)
+    for _ in range(_NEWTON_STEPS):
+        gain, slope = _gain(share * share * squared_ideal, radial)
+        step = (share * gain - 1.0) / slope
+        share = share - step
+        moved = np.abs(step) * radius
+        if not moved.max(initial=0.0) > tolerance:
+            break
+    return ideal * share[:, None], moved
+
+
+def _distort_fully(
+    ideal: FloatArray, start: FloatArray, intrinsics: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Newton's method in two dimensions, from the solution for the radial terms."""
+    radial = intrinsics[RADIAL:]
+    distorted, moved = start, np.zeros_like(start[:, 0])
+    for _ in range(_NEWTON_STEPS):
+        x, y = distorted[:, 0], distorted[:, 1]
+        gain, _ = _gain(x**2 + y**2, radial)
+        undistorted = distorted * gain[:, None]
+        for index in (DECENTRING_1, DECENTRING_2):
+            undistorted += intrinsics[index] * _distortion_term(distorted, index)
+        (xx, xy), (yx, yy) = _inverse_slope(distorted, intrinsics)
+        u, v = undistorted[:, 0] - ideal[:, 0], undistorted[:, 1] - ideal[:, 1]
+        step = np.stack([xx * u + xy * v, yx * u + yy * v], axis=1)
+        distorted = distorted - step
+        moved = np.abs(step).max(axis=1)
+        if not moved.max(initial=0.0) > tolerance:
+            break
+    return distorted, moved
+
+
+def _gain(squared: FloatArray, radial: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """1 + κ1 r² + κ2 r⁴ + … and the derivative of r times it."""
+    gain, slope = 0.0 * squared, 0.0 * squared
+    for power in range(len(radial), 0, -1):
+        gain = (gain + radial[power - 1]) * squared
+        slope = (slope + (2 * power + 1) * radial[power - 1]) * squared
+    return gain + 1.0, slope + 1.0
+
+
+def _inverse_slope(
+    distorted: FloatArray, intrinsics: FloatArray
+) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
+    """Inverse of ∂u/∂x, the slope of undistorted by distorted points; four times (V, M)."""
+    x, y = distorted[:, 0], distorted[:, 1]
+    radial = intrinsics[RADIAL:]
+    p1, p2 = intrinsics[DECENTRING_1:RADIAL]
     squared = x**2 + y**2
-    gain, gain_slope = np.ones_like(squared), np.zeros_like(squared)
-    for power, coefficient in enumerate(radial):
-        gain_slope = gain_slope + (power + 1) * coefficient * squared**power
-        gain = gain + coefficient * squared ** (power + 1)
-    undistorted = distorted * gain[..., None]
-    p1, p2 = decentring
-    slope_xx = gain + 2 * gain_slope * x**2 + 2 * p1 * y + 6 * p2 * x
-    slope_yy = gain + 2 * gain_slope * y**2 + 6 * p1 * y + 2 * p2 * x
-    slope_xy = 2 * gain_slope * x * y + 2 * p1 * x + 2 * p2 * y
-    if decentring.any():
-        undistorted = undistorted + _decentring_terms(distorted) @ decentring
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = (
-            np.stack([slope_yy, -slope_xy, -slope_xy, slope_xx], axis=-1)
-            / (slope_xx * slope_yy - slope_xy**2)[..., None]
-        )
-    return undistorted, inverse.reshape(*distorted.shape, 2)
+    gain, slope = 0.0 * squared, 0.0 * squared
+    for power in range(len(radial), 0, -1):
+        gain = (gain + radial[power - 1]) * squared
+        slope = slope * squared + 2 * power * radial[power - 1]
+    gain = gain + 1.0
+    xx = gain + slope * x * x
+    yy = gain + slope * y * y
+    xy = slope * x * y
+    if p1 or p2:
+        xx = xx + (2 * p1 * y + 6 * p2 * x)
+        yy = yy + (6 * p1 * y + 2 * p2 * x)
+        xy = xy + (2 * p1 * x + 2 * p2 * y)
+    inverse = 1.0 / (xx * yy - xy * xy)
+    return (yy * inverse, -xy * inverse), (-xy * inverse, xx * inverse)
 
 
-def _decentring_terms(distorted: FloatArray) -> FloatArray:
-    """(…, 2, 2) what p1 and p2 multiply in x and in y."""
-    x, y = distorted[..., 0], distorted[..., 1]
-    product = 2 * x * y
-    along_x = np.stack([product, 3 * x**2 + y**2], axis=-1)
-    along_y = np.stack([x**2 + 3 * y**2, product], axis=-1)
-    return np.stack([along_x, along_y], axis=-2)
-
-
-def _times(square: FloatArray, columns: FloatArray) -> FloatArray:
-    """Multiply stacks of 2 × 2 with stacks of 2 × n, faster than matmul does it."""
-    product: FloatArray = (
-        square[..., :1] * columns[..., None, 0, :] + square[..., 1:] * columns[..., None, 1, :]
-    )
-    return product
+def _distortion_term(distorted: FloatArray, index: int) -> FloatArray:
+    """(V, 2, M) what a coefficient multiplies in x and in y."""
+    x, y = distorted[:, 0], distorted[:, 1]
+    if index == DECENTRING_1:
+        return np.stack([2 * x * y, x**2 + 3 * y**2], axis=1)
+    if index == DECENTRING_2:
+        return np.stack([3 * x**2 + y**2, 2 * x * y], axis=1)
+    squared = x**2 + y**2
+    return distorted * (squared ** (index - RADIAL + 1))[:, None]

@@ -165,7 +165,7 @@ def fit_poses(
     start = state_of(camera, matrices)
     none = np.zeros(len(start.intrinsics), dtype=bool)
     result = fit(views, start, none, views.present.astype(float))
-    return tuple(r[p] for r, p in zip(result.residuals_px, views.present, strict=True))
+    return tuple(r[:, p].T for r, p in zip(result.residuals_px, views.present, strict=True))
 
 
 def conclude(
@@ -202,7 +202,7 @@ def conclude(
     """
     state, inliers = selection.state, selection.inliers
     missed = residuals(views, state)
-    squares = float((missed[inliers] ** 2).sum())
+    squares = float((missed**2).sum(axis=1)[inliers].sum())
     used = inliers.any(axis=1)
     freedom = 2 * int(inliers.sum()) - int(free.sum()) - 6 * int(used.sum())
     if freedom <= 0:
@@ -238,7 +238,7 @@ def conclude(
     result = Calibration(
         camera=camera,
         poses=state.poses(views.middles_mm),
-        residuals_px=tuple(r[p] for r, p in zip(missed, views.present, strict=True)),
+        residuals_px=tuple(r[:, p].T for r, p in zip(missed, views.present, strict=True)),
         inliers=tuple(i[p] for i, p in zip(inliers, views.present, strict=True)),
         rejected=selection.rejections,
         noise_px=noise_px,

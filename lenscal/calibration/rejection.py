@@ -197,7 +197,7 @@ def _bad_views(
 
 def _lengths(missed: FloatArray) -> FloatArray:
     """(V, M) distance of prediction and observation in px; infinite without a prediction."""
-    lengths = np.linalg.norm(missed, axis=-1)
+    lengths = np.linalg.norm(missed, axis=1)
     return np.where(np.isnan(lengths), np.inf, lengths)
 
 

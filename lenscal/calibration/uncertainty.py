@@ -82,7 +82,7 @@ def quantity_covariance(
         (Q, Q) in the order of `quantity_names`.
     """
     count = len(state.intrinsics)
-    joint = covariance.intrinsics if focus_view is None else covariance.joint(focus_view)
+    joint = covariance.shared if focus_view is None else covariance.joint(focus_view)
     deviations = noise_px * np.sqrt(np.maximum(np.diag(joint), 0.0))
 
     def evaluate(step: FloatArray) -> FloatArray:

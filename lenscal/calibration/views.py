@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lenscal.arrays import BoolArray, FloatArray
+from lenscal.calibration.mounting import UNKNOWN, Mounting
 from lenscal.calibration.projection import PERSPECTIVE, intrinsics_of
 from lenscal.camera import Camera
 from lenscal.pose import Pose
@@ -21,11 +22,11 @@ class Views:
     Parameters
     ----------
     points_mm
-        (V, M, 3) target points relative to the middle of their view; zero where there is none.
+        (V, 3, M) target points relative to the middle of their view; zero where there is none.
     middles_mm
         (V, 3) the middle of each view in the target frame.
     pixels
-        (V, M, 2) where they were seen.
+        (V, 2, M) where they were seen.
     present
         (V, M) which places of the padding hold an observation.
     element_pitch_mm
@@ -61,15 +62,15 @@ class Views:
         Views
             The same observations, each view about its own middle.
         """
-        shape = len(points_mm), max((len(p) for p in points_mm), default=0)
-        points, seen = np.zeros((*shape, 3)), np.zeros((*shape, 2))
-        present = np.zeros(shape, dtype=bool)
-        middles = np.zeros((shape[0], 3))
+        count, longest = len(points_mm), max((len(p) for p in points_mm), default=0)
+        points, seen = np.zeros((count, 3, longest)), np.zeros((count, 2, longest))
+        present = np.zeros((count, longest), dtype=bool)
+        middles = np.zeros((count, 3))
         for view, (world, image) in enumerate(zip(points_mm, pixels, strict=True)):
             if len(world):
                 middles[view] = world.mean(axis=0)
-            points[view, : len(world)] = world - middles[view]
-            seen[view, : len(image)] = image
+            points[view, :, : len(world)] = (world - middles[view]).T
+            seen[view, :, : len(image)] = image.T
             present[view, : len(world)] = True
         return cls(points, middles, seen, present, element_pitch_mm)
 
@@ -107,11 +108,14 @@ class State:
         (V, 3, 3) camera from target.
     placements
         (V, 3) a, b, s of the middle of each view.
+    mounting
+        How camera and target are mounted, where a robot carried the camera.
     """
 
     intrinsics: FloatArray
     rotations: FloatArray
     placements: FloatArray
+    mounting: Mounting = UNKNOWN
 
     @classmethod
     def of(cls, camera: Camera, camera_from_target: Pose, middle_mm: FloatArray) -> State:
@@ -139,13 +143,13 @@ class State:
             np.array([[scale * x, scale * y, scale]]),
         )
 
-    def moved(self, intrinsics_step: FloatArray, pose_steps: FloatArray) -> State:
+    def moved(self, shared_step: FloatArray, pose_steps: FloatArray) -> State:
         """Take a step.
 
         Parameters
         ----------
-        intrinsics_step
-            (K,) added to the intrinsics.
+        shared_step
+            (K,) added to the intrinsics; (K + 12,) with a mounting, see `Mounting.moved`.
         pose_steps
             (V, 6) rotation vectors applied on the left, and additions to the placements.
 
@@ -155,10 +159,12 @@ class State:
             The new parameters.
         """
         turns = Rotation.from_rotvec(pose_steps[:, :3]).as_matrix()
+        count = len(self.intrinsics)
         return State(
-            self.intrinsics + intrinsics_step,
+            self.intrinsics + shared_step[:count],
             turns @ self.rotations,
             self.placements + pose_steps[:, 3:],
+            self.mounting.moved(shared_step[count:]) if len(shared_step) > count else self.mounting,
         )
 
     def select(self, chosen: BoolArray) -> State:
