@@ -8,11 +8,65 @@ from dataclasses import dataclass
 import numpy as np
 
 from lenscal.arrays import BoolArray, FloatArray, frozen_array
+from lenscal.calibration.mounting import Mounting
 from lenscal.calibration.rejection import Rejection
 from lenscal.camera import Camera
 from lenscal.errors import CalibrationError, InputError
 from lenscal.optics import focal_length_mm
 from lenscal.pose import Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Repeatability:
+    """How far a robot stands from where it says.
+
+    Parameters
+    ----------
+    rotation_rad
+        σ of the rotation about each axis.
+    translation_mm
+        σ of each coordinate.
+    """
+
+    rotation_rad: float
+    translation_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotEvidence:
+    """What a robot's poses contributed, and what was learnt of the robot.
+
+    Parameters
+    ----------
+    mounting
+        The camera on the hand and the target in the base, for this setting.
+    mounting_covariance
+        (12, 12) of the rotation vectors and translations of `Mounting.moved`, in rad and mm.
+    slips
+        (V, 6) how far the hand stood from where the robot said: rotation in rad and translation in
+        mm in the frame of the hand; NaN where no pose was told.
+    believed
+        (V,) which poses were used.
+    repeatability
+        Of the robot, as estimated or as given.
+    redundancy
+        (2,) independent observations behind the two numbers of the repeatability.
+    """
+
+    mounting: Mounting
+    mounting_covariance: FloatArray
+    slips: FloatArray
+    believed: BoolArray
+    repeatability: Repeatability
+    redundancy: FloatArray
+
+    def __post_init__(self) -> None:
+        covariance = frozen_array("mounting_covariance", self.mounting_covariance, (12, 12))
+        object.__setattr__(self, "mounting_covariance", covariance)
+        slips = frozen_array("slips", self.slips, ("V", 6), finite=False)
+        object.__setattr__(self, "slips", slips)
+        object.__setattr__(self, "redundancy", frozen_array("redundancy", self.redundancy, (2,)))
+        self.believed.setflags(write=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,6 +79,8 @@ class Calibration:
         The camera.
     poses
         ``camera_from_target`` of each view. That of a rejected view is where it seemed to be.
+    pixels
+        One (N, 2) array per view: where the points were seen.
     residuals_px
         One (N, 2) array per view: predicted minus observed, rejected points included.
     inliers
@@ -36,15 +92,20 @@ class Calibration:
     focus_view
         Index of the view that shows the plane D is measured to, or None.
     quantities
-        (Q,) names of what `covariance` and `sigma` know.
+        (Q,) names of what `value`, `covariance` and `sigma` know.
     quantity_covariance
         (Q, Q) their covariance, or None where the method gives none.
     warnings
         What the user should know, in words.
+    quantity_values
+        (Q,) their values; of the plane D is measured to, too.
+    robot
+        What a robot's poses contributed, or None without them.
     """
 
     camera: Camera
     poses: tuple[Pose, ...]
+    pixels: tuple[FloatArray, ...]
     residuals_px: tuple[FloatArray, ...]
     inliers: tuple[BoolArray, ...]
     rejected: tuple[Rejection, ...]
@@ -53,18 +114,25 @@ class Calibration:
     quantities: tuple[str, ...]
     quantity_covariance: FloatArray | None
     warnings: tuple[str, ...] = ()
+    quantity_values: FloatArray | None = None
+    robot: RobotEvidence | None = None
 
     def __post_init__(self) -> None:
         frozen = tuple(
             frozen_array("residuals_px", r, ("N", 2), finite=False) for r in self.residuals_px
         )
         object.__setattr__(self, "residuals_px", frozen)
+        seen = tuple(frozen_array("pixels", p, ("N", 2)) for p in self.pixels)
+        object.__setattr__(self, "pixels", seen)
         for mask in self.inliers:
             mask.setflags(write=False)
         if self.quantity_covariance is not None:
             size = len(self.quantities)
             square = frozen_array("quantity_covariance", self.quantity_covariance, (size, size))
             object.__setattr__(self, "quantity_covariance", square)
+        if self.quantity_values is not None:
+            values = frozen_array("quantity_values", self.quantity_values, (len(self.quantities),))
+            object.__setattr__(self, "quantity_values", values)
 
     @property
     def rms_px(self) -> float:
@@ -81,6 +149,8 @@ class Calibration:
     def object_distance_mm(self) -> float:
         """D: along the axis from the projection centre to the target plane of the focus view.
 
+        With a robot it is the plane where the robot says that it was.
+
         Raises
         ------
         CalibrationError
@@ -91,6 +161,8 @@ class Calibration:
                 "the object distance is not known: no focus view was named, or it was rejected; "
                 "name a view of the plane in sharpest focus"
             )
+        if self.quantity_values is not None:
+            return self.value("object_distance_mm")
         return axial_distance_mm(self.poses[self.focus_view])
 
     @property
@@ -102,6 +174,30 @@ class Calibration:
     def focal_length_mm(self) -> float:
         """Focal length f of the Gaussian lens law (3a) for this D and d."""
         return float(focal_length_mm(self.object_distance_mm, self.image_distance_mm))
+
+    def value(self, name: str) -> float:
+        """Give a quantity by its name.
+
+        Parameters
+        ----------
+        name
+            Among `quantities`.
+
+        Returns
+        -------
+        float
+            Its value, in the unit of the name.
+
+        Raises
+        ------
+        InputError
+            When the name is not known.
+        """
+        if self.quantity_values is None or name not in self.quantities:
+            raise InputError(
+                f"no value of {name} is known; known are {', '.join(self.quantities) or 'none'}"
+            )
+        return float(self.quantity_values[self.quantities.index(name)])
 
     def covariance(self, names: Sequence[str]) -> FloatArray:
         """Give the covariance of some quantities.

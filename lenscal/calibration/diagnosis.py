@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from lenscal.calibration.calibration import Calibration
+from lenscal.calibration.swapped import seen_from_behind
 from lenscal.errors import DegenerateGeometryError
 from lenscal.pose import Pose
 
@@ -50,6 +51,7 @@ def diagnose(calibration: Calibration) -> tuple[str, ...]:
             f"the principal point is only known to ±{wandering:.0f} px; tilt the target further "
             "and about more axes, or hold the principal point fixed"
         )
+    sentences.extend(_numbered_backwards(calibration))
     return tuple(sentences)
 
 
@@ -103,3 +105,21 @@ def _separability(calibration: Calibration, relative: float) -> str:
         ratio = calibration.sigma("magnification") / calibration.magnification
         sentence += f", but d/D is good to {100 * ratio:.2g} %"
     return f"{sentence}; tilt the target by 30° or more"
+
+
+def _numbered_backwards(calibration: Calibration) -> list[str]:
+    """Name the views whose target shows its back while that of the others shows its front."""
+    used = [
+        (view, seen_from_behind(pose))
+        for view, (pose, mask) in enumerate(
+            zip(calibration.poses, calibration.inliers, strict=True)
+        )
+        if mask.any()
+    ]
+    behind = [view for view, back in used if back]
+    # A world whose z axis points at the camera is a matter of taste, if all views have it so.
+    return [
+        f"view {view}: its rows or columns look numbered from the other end, because its target "
+        "would be seen from behind; its pose is that of the mirror image"
+        for view in (behind if 2 * len(behind) < len(used) else [])
+    ]

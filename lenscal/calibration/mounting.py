@@ -54,8 +54,8 @@ class Mounting:
         """
         x, y = self.camera_from_hand, self.base_from_target
         return Mounting(
-            Pose(_turn(step[TURN_X]) @ x.rotation, x.translation_mm + step[SHIFT_X]),
-            Pose(_turn(step[TURN_Y]) @ y.rotation, y.translation_mm + step[SHIFT_Y]),
+            Pose(turns(step[TURN_X]) @ x.rotation, x.translation_mm + step[SHIFT_X]),
+            Pose(turns(step[TURN_Y]) @ y.rotation, y.translation_mm + step[SHIFT_Y]),
         )
 
     def step_to(self, other: Mounting) -> FloatArray:
@@ -100,6 +100,18 @@ class Mounting:
 UNKNOWN: Final = Mounting(Pose.identity(), Pose.identity())
 
 
-def _turn(vector: FloatArray) -> FloatArray:
-    matrix: FloatArray = Rotation.from_rotvec(vector).as_matrix()
-    return matrix
+def turns(vectors: FloatArray) -> FloatArray:
+    """Turn rotation vectors into matrices.
+
+    Parameters
+    ----------
+    vectors
+        (..., 3).
+
+    Returns
+    -------
+    FloatArray
+        (..., 3, 3).
+    """
+    matrices: FloatArray = Rotation.from_rotvec(vectors).as_matrix()
+    return matrices

@@ -43,15 +43,24 @@ class TwoStage(NamedTuple):
         The pose.
     coplanar
         Whether the points lie in one plane.
+    origin_mm
+        (3,) the point of the world that the linear system was solved about, where the world's own
+        origin would not do; None where it did.
     """
 
     camera: Camera
     camera_from_world: Pose
     coplanar: bool
+    origin_mm: FloatArray | None
 
 
 def two_stage(
-    points_mm: FloatArray, pixels: FloatArray, sensor: Sensor, principal_point_px: FloatArray
+    points_mm: FloatArray,
+    pixels: FloatArray,
+    sensor: Sensor,
+    principal_point_px: FloatArray,
+    *,
+    free_scale_factor: bool = True,
 ) -> TwoStage:
     """Solve both stages.
 
@@ -62,9 +71,11 @@ def two_stage(
     pixels
         (N, 2) where they were seen.
     sensor
-        The sensor; points in space correct its scale factor.
+        The sensor.
     principal_point_px
         (2,) held fixed.
+    free_scale_factor
+        Whether points in space correct the scale factor of the sensor; those in a plane never do.
 
     Returns
     -------
@@ -84,13 +95,14 @@ def two_stage(
             f"{len(points_mm)} points are too few: Tsai's method needs at least {least} {kind}"
         )
     image = (pixels - principal_point_px) * sensor.sample_pitch_mm
-    own_from_world = _own_frame(points_mm, image, coplanar)
+    own_from_world, moved = _own_frame(points_mm, image, coplanar)
     points = own_from_world.transform(points_mm)
     if coplanar:
         rotation, shift_xy = _orientation_coplanar(points, image)
         stretch = 1.0
     else:
         rotation, shift_xy, stretch = _orientation_in_space(points, image)
+        stretch = stretch if free_scale_factor else 1.0
         image = image / (stretch, 1.0)
     pose, distance, k1 = _distances(points, image, rotation, shift_xy)
     actual = Sensor(
@@ -101,7 +113,8 @@ def two_stage(
         sensor.scale_factor / stretch,
     )
     camera = Camera(actual, distance, k1, principal_point_px)
-    return TwoStage(camera, pose @ own_from_world, coplanar)
+    origin = own_from_world.inverse().translation_mm if moved else None
+    return TwoStage(camera, pose @ own_from_world, coplanar, origin)
 
 
 def _is_coplanar(points_mm: FloatArray) -> bool:
@@ -113,11 +126,11 @@ def _is_coplanar(points_mm: FloatArray) -> bool:
     return len(extents) < 3 or bool(extents[2] < _PLANE * extents[0])
 
 
-def _own_frame(points_mm: FloatArray, image: FloatArray, coplanar: bool) -> Pose:
+def _own_frame(points_mm: FloatArray, image: FloatArray, coplanar: bool) -> tuple[Pose, bool]:
     """Give a frame that the linear systems can work in: plane z = 0, origin off the x axis.
 
     The caller's own frame is kept where it will do, because the solution of the linear system
-    depends on it a little.
+    depends on it a little. Tells, too, whether T_y would have been near zero.
     """
     frame = Pose.identity()
     if coplanar and np.abs(points_mm[:, 2]).max() > _PLANE * np.linalg.norm(
@@ -130,11 +143,12 @@ def _own_frame(points_mm: FloatArray, image: FloatArray, coplanar: bool) -> Pose
     points = frame.transform(points_mm)
     design = np.column_stack([points, np.ones(len(points))])
     origin_height = np.linalg.lstsq(design, image[:, 1], rcond=None)[0][3]
-    if abs(origin_height) < _NEAR_AXIS * np.ptp(image[:, 1]):
+    near_axis = bool(abs(origin_height) < _NEAR_AXIS * np.ptp(image[:, 1]))
+    if near_axis:
         # T_y divides the linear system; a point far from the axis makes a better origin.
         far = points[np.argmax(np.abs(image[:, 1]))]
         frame = Pose(np.eye(3), -far) @ frame
-    return frame
+    return frame, near_axis
 
 
 def _orientation_coplanar(points: FloatArray, image: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -10,35 +10,32 @@ import numpy as np
 import numpy.typing as npt
 
 from lenscal.arrays import BoolArray, FloatArray, frozen_array
-from lenscal.calibration.bundle import covariance, fit, residuals
-from lenscal.calibration.calibration import Calibration
-from lenscal.calibration.diagnosis import diagnose, inseparable
+from lenscal.calibration.bundle import fit
+from lenscal.calibration.calibration import Calibration, Repeatability
+from lenscal.calibration.conclusion import conclude, conclude_with_robot, refuse_nonsense
 from lenscal.calibration.initial import homographies, initial_state, state_of
 from lenscal.calibration.projection import (
     CENTRE_X,
     CENTRE_Y,
     DECENTRING_1,
-    PERSPECTIVE,
     RADIAL,
     SCALE_FACTOR,
-    camera_of,
 )
 from lenscal.calibration.rejection import Rejection, Selection, fit_robustly
-from lenscal.calibration.uncertainty import quantity_covariance, quantity_names
+from lenscal.calibration.rig_constrained import check_hands, fit_with_robot
+from lenscal.calibration.scale_factor import (
+    refuse_one_orientation,
+    refuse_unseen_scale_factor,
+)
+from lenscal.calibration.slips import MountingPrior
 from lenscal.calibration.views import State, Views
 from lenscal.camera import Camera
-from lenscal.errors import (
-    CalibrationError,
-    ConvergenceError,
-    DegenerateGeometryError,
-    InputError,
-)
+from lenscal.errors import DegenerateGeometryError, InputError
+from lenscal.pose import Pose
 from lenscal.sensor import Sensor
 
 #: How far from its plane a target may be bent, as a share of its extent.
 _FLAT: Final = 0.01
-#: Noise, as a share of the diagonal of the frame buffer, that no detector makes.
-_NONSENSE: Final = 0.02
 
 
 def calibrate_views(
@@ -52,11 +49,18 @@ def calibrate_views(
     radial_terms: int = 1,
     decentring: bool = False,
     reject_outliers: bool = True,
+    hand_poses: Sequence[Pose | None] | None = None,
+    hand_from_camera: Pose | None = None,
+    repeatability: Repeatability | None = None,
+    mounting_prior: MountingPrior | None = None,
 ) -> Calibration:
     """Calibrate a camera from several views of a flat target.
 
     Minimises the squared pixel distance of predicted and observed points over d, the principal
-    point, the distortion and one pose a view.
+    point, the distortion and one pose a view. Where a robot carried the camera, the poses are tied
+    by what it said, each loosened by its repeatability (`lenscal.calibration.rig_constrained`):
+    displacements of the camera then show D apart from d, and D is measured to the target plane
+    where the robot says it was.
 
     Parameters
     ----------
@@ -80,6 +84,16 @@ def calibrate_views(
     reject_outliers
         Whether bad corners and bad views are left out. Without it every point counts, and views of
         fewer than four points or with points on a line are an error.
+    hand_poses
+        ``base_from_hand`` of each view as the robot reported it, None for a view without; at least
+        three, the hand turned about two axes.
+    hand_from_camera
+        The reference camera in the hand, which nodal offset and standoff are counted from; None
+        where it is not known.
+    repeatability
+        Of the robot; None to estimate it from these views.
+    mounting_prior
+        What other settings of the session know of how camera and target are mounted.
 
     Returns
     -------
@@ -100,6 +114,8 @@ def calibrate_views(
     views = _checked_views(points_mm, pixels, sensor)
     if focus_view is not None and not 0 <= focus_view < len(views.present):
         raise InputError(f"focus_view {focus_view} is not among the {len(views.present)} views")
+    if hand_poses is not None:
+        check_hands(hand_poses, len(views.present))
     if radial_terms < 0:
         raise InputError(f"radial_terms must be 0 or more, but is {radial_terms}")
     terms = max(1, radial_terms)
@@ -124,7 +140,21 @@ def calibrate_views(
     else:
         result = fit(kept, start, free, kept.present.astype(float))
         selection = Selection(result.state, kept.present, (), result.settled)
-    return conclude(views, _among_all(selection, views, usable), sensor, free, focus_view)
+    selection = _among_all(selection, views, usable)
+    if hand_poses is None:
+        if free_scale_factor:
+            refuse_one_orientation(selection.state.rotations[selection.inliers.any(axis=1)])
+        return _seen(conclude(views, selection, sensor, free, focus_view))
+    refuse_nonsense(views, selection.inliers, sensor, selection.state)
+    robot = fit_with_robot(
+        views, selection, free, hand_poses, repeatability=repeatability, prior=mounting_prior
+    )
+    focus_hand = None if focus_view is None else hand_poses[focus_view]
+    return _seen(
+        conclude_with_robot(
+            views, selection, sensor, robot, focus_view, focus_hand, hand_from_camera
+        )
+    )
 
 
 def fit_poses(
@@ -168,89 +198,6 @@ def fit_poses(
     return tuple(r[:, p].T for r, p in zip(result.residuals_px, views.present, strict=True))
 
 
-def conclude(
-    views: Views, selection: Selection, sensor: Sensor, free: BoolArray, focus_view: int | None
-) -> Calibration:
-    """Turn a fit into a calibration: noise, covariance, diagnosis.
-
-    Parameters
-    ----------
-    views
-        All observations.
-    selection
-        The fit, with what it believed.
-    sensor
-        The sensor.
-    free
-        (K,) which intrinsics were estimated.
-    focus_view
-        The view D is measured to, or None.
-
-    Returns
-    -------
-    Calibration
-        The result.
-
-    Raises
-    ------
-    CalibrationError
-        When no camera explains the observations.
-    DegenerateGeometryError
-        When there are not more observations than parameters, or they do not determine the camera.
-    ConvergenceError
-        When the fit did not settle.
-    """
-    state, inliers = selection.state, selection.inliers
-    missed = residuals(views, state)
-    squares = float((missed**2).sum(axis=1)[inliers].sum())
-    used = inliers.any(axis=1)
-    freedom = 2 * int(inliers.sum()) - int(free.sum()) - 6 * int(used.sum())
-    if freedom <= 0:
-        raise DegenerateGeometryError(
-            f"{int(inliers.sum())} points in {int(used.sum())} views are too few for the "
-            f"{int(free.sum()) + 6 * int(used.sum())} parameters asked for; add views or "
-            "points, or hold the principal point fixed"
-        )
-    noise_px = float(np.sqrt(squares / freedom))
-    if not noise_px < _NONSENSE * np.hypot(sensor.width_px, sensor.height_px):
-        raise CalibrationError(
-            f"the views agree with no camera: at best, points miss by {noise_px:.0f} px; check "
-            "that the target is described as it is, and that zoom and focus were left alone "
-            "between the pictures"
-        )
-    if not state.intrinsics[PERSPECTIVE] > 0:
-        flipped = replace(state, intrinsics=np.abs(state.intrinsics))
-        raise DegenerateGeometryError(inseparable(flipped.poses(views.middles_mm), np.inf))
-    camera = camera_of(state.intrinsics, sensor)
-    if not selection.settled:
-        raise ConvergenceError(
-            "the fit did not settle; hold the principal point fixed or estimate fewer distortion "
-            "terms",
-            camera,
-            squares,
-            0,
-        )
-    notes: list[str] = []
-    if focus_view is not None and focus_view not in np.flatnonzero(used):
-        notes.append(f"the focus view (view {focus_view}) was rejected, so that D is not known")
-        focus_view = None
-    unit = covariance(views, state, free, inliers.astype(float))
-    result = Calibration(
-        camera=camera,
-        poses=state.poses(views.middles_mm),
-        residuals_px=tuple(r[:, p].T for r, p in zip(missed, views.present, strict=True)),
-        inliers=tuple(i[p] for i, p in zip(inliers, views.present, strict=True)),
-        rejected=selection.rejections,
-        noise_px=noise_px,
-        focus_view=focus_view,
-        quantities=quantity_names(len(free), focus_view is not None),
-        quantity_covariance=quantity_covariance(
-            state, views.middles_mm, unit, noise_px, focus_view
-        ),
-    )
-    return replace(result, warnings=(*notes, *diagnose(result)))
-
-
 def _checked_views(
     points_mm: Sequence[npt.ArrayLike], pixels: Sequence[npt.ArrayLike], sensor: Sensor
 ) -> Views:
@@ -268,8 +215,10 @@ def _checked_views(
                 f"view {view} has {len(world[-1])} points, but {len(image[-1])} pixels; give one "
                 "each"
             )
+        if not len(world[-1]):
+            continue
         height, extent = np.abs(world[-1][:, 2]), np.ptp(world[-1], axis=0)
-        if len(height) and height.max() > _FLAT * np.linalg.norm(extent):
+        if height.max() > _FLAT * np.linalg.norm(extent):
             raise InputError(
                 f"the points of view {view} are not in the plane z = 0, off by up to "
                 f"{height.max():.3g} mm; use calibrate_tsai for points in space"
@@ -320,3 +269,9 @@ def _among_all(selection: Selection, views: Views, usable: BoolArray) -> Selecti
         tuple(sorted(rejections, key=lambda r: r.view)),
         selection.settled,
     )
+
+
+def _seen(calibration: Calibration) -> Calibration:
+    """Pass a calibration on unless its scale factor, where it was free, was not to be seen."""
+    refuse_unseen_scale_factor(calibration)
+    return calibration

@@ -14,6 +14,7 @@ import numpy as np
 
 from lenscal.arrays import BoolArray, FloatArray
 from lenscal.calibration.bundle import fit, residuals
+from lenscal.calibration.swapped import NOT_EXCHANGED, exchanged_with, numbering_in_list
 from lenscal.calibration.views import State, Views
 
 #: How often a clean calibration may lose a good corner.
@@ -34,6 +35,10 @@ _LEAST_SHARE: Final = 0.5
 _VIEW_FACTOR: Final = 3.0
 #: Residuals that are rounding, not disagreement, in px.
 _ROUNDING_PX: Final = 1e-6
+#: Share of a view's extent by which distortion may bend it, when the order of a list is judged.
+_BENT: Final = 0.03
+#: Share of its corners from whose loss on a view is asked for the order of its list.
+_MANY: Final = 0.2
 #: Fewest corners that a view may keep.
 _LEAST_CORNERS: Final = 4
 
@@ -117,9 +122,7 @@ def fit_robustly(views: Views, start: State, free: BoolArray) -> Selection:
             break
         noise = _noise(lengths, inliers, free)
     limits = _limits(noise, inliers, free)
-    return Selection(
-        state, inliers, _report(lengths, limits, inliers, views.present, reasons), settled
-    )
+    return Selection(state, inliers, _report(views, missed, limits, inliers, reasons), settled)
 
 
 def _robust_state(views: Views, start: State, free: BoolArray) -> tuple[State, FloatArray]:
@@ -202,28 +205,50 @@ def _lengths(missed: FloatArray) -> FloatArray:
 
 
 def _report(
-    lengths: FloatArray,
+    views: Views,
+    missed: FloatArray,
     limits: FloatArray,
     inliers: BoolArray,
-    present: BoolArray,
     reasons: dict[int, str],
 ) -> tuple[Rejection, ...]:
+    present, lengths = views.present, _lengths(missed)
+    order = {
+        int(view): words
+        for view in np.flatnonzero((present & ~inliers).sum(axis=1) > _MANY * present.sum(axis=1))
+        if (words := _order(views, int(view))) is not None
+    }
+    reasons = {
+        view: "; ".join([*filter(None, [reason, order.get(view)])])
+        for view, reason in reasons.items()
+    }
     whole = [
         Rejection(view, None, float(np.sqrt(np.mean(lengths[view, present[view]] ** 2))), reason)
         for view, reason in reasons.items()
     ]
     lost = present & ~inliers
     lost[list(reasons)] = False
-    single = [
-        Rejection(
-            int(view),
-            int(point),
-            float(lengths[view, point]),
-            f"{lengths[view, point]:.2f} px from where the other corners put it (limit "
-            f"{limits[view, point]:.2f} px)",
-        )
-        for view, point in np.argwhere(lost)
-    ]
+    single = []
+    for view in np.flatnonzero(lost.any(axis=1)):
+        predicted, observed = (views.pixels[view] + missed[view]).T, views.pixels[view].T
+        partners = exchanged_with(predicted, observed, lost[view], float(limits[view].max()))
+        for point in np.flatnonzero(lost[view]):
+            reason = (
+                f"{lengths[view, point]:.2f} px from where the other corners put it (limit "
+                f"{limits[view, point]:.2f} px)"
+            )
+            if partners[point] != NOT_EXCHANGED:
+                reason += f"; looks swapped with corner {partners[point]}"
+            elif view in order:
+                reason += f"; {order[int(view)]}"
+            single.append(Rejection(int(view), int(point), float(lengths[view, point]), reason))
     return tuple(
         sorted([*whole, *single], key=lambda r: (r.view, -1 if r.point is None else r.point))
     )
+
+
+def _order(views: Views, view: int) -> str | None:
+    """Name the order that the corners of a view look listed in, where it is another than meant."""
+    present = views.present[view]
+    seen = views.pixels[view][:, present].T
+    limit_px = _BENT * float(np.linalg.norm(np.ptp(seen, axis=0)))
+    return numbering_in_list(views.points_mm[view][:, present].T, seen, limit_px)

@@ -162,10 +162,9 @@ class Slips:
         System
             The normal equations.
         """
-        turn, shift, turned, arm, at_hand = self._slips(state)
-        by_shared, by_pose = self._jacobians(state, turned, arm, at_hand)
+        by_shared, by_pose = self.jacobians(state)
         weights = np.repeat(self.weights, 3, axis=1)
-        residual = weights * np.concatenate([turn, shift], axis=1)
+        residual = weights * self.measure(state)
         by_shared = weights[..., None] * by_shared[..., free]
         by_pose = weights[..., None] * by_pose
         transposed = by_shared.transpose(0, 2, 1)
@@ -187,31 +186,22 @@ class Slips:
             (pose_rows @ residual[..., None])[..., 0],
         )
 
-    @staticmethod
-    def _away(state: State, prior: MountingPrior) -> FloatArray:
-        """(9,) from the mean of the prior to the mounting; its derivative is taken as one."""
-        return prior.mean.step_to(state.mounting)[SHARED_BY_SETTINGS]
+    def jacobians(self, state: State) -> tuple[FloatArray, FloatArray]:
+        """Differentiate the slips.
 
-    def _slips(
-        self, state: State
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Rotation (V, 3) and translation (V, 3); then what their derivatives are made of.
+        Parameters
+        ----------
+        state
+            The parameters.
 
-        That is the rotation (V, 3, 3) of the slip, the hand relative to the target's middle in the
-        camera's directions (V, 3), and the hand in the camera frame relative to where X puts it.
+        Returns
+        -------
+        by_shared : FloatArray
+            (V, 6, K + 12) by what the views share.
+        by_pose : FloatArray
+            (V, 6, 6) by each pose.
         """
-        mounting = state.mounting
-        x, y = mounting.camera_from_hand, mounting.base_from_target
-        turned = x.rotation.T @ state.rotations @ y.rotation.T @ self.hand_rotations
-        in_target = (self.hand_translations_mm - y.translation_mm) @ y.rotation
-        arm = (state.rotations @ (in_target - self.middles_mm)[..., None])[..., 0]
-        at_hand = arm + _middles(state) - x.translation_mm
-        return _vee(turned), at_hand @ x.rotation, turned, arm, at_hand
-
-    def _jacobians(
-        self, state: State, turned: FloatArray, arm: FloatArray, at_hand: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """(V, 6, K + 12) by what is shared, and (V, 6, 6) by each pose."""
+        _, _, turned, arm, at_hand = self._slips(state)
         mounting = state.mounting
         x, y = mounting.camera_from_hand.rotation, mounting.base_from_target.rotation
         views, count = len(turned), len(state.intrinsics)
@@ -237,6 +227,27 @@ class Slips:
         mounting_part[:, 3:, TURN_Y] = to_hand @ _cross(from_target)
         mounting_part[:, 3:, SHIFT_Y] = -to_hand
         return by_shared, by_pose
+
+    @staticmethod
+    def _away(state: State, prior: MountingPrior) -> FloatArray:
+        """(9,) from the mean of the prior to the mounting; its derivative is taken as one."""
+        return prior.mean.step_to(state.mounting)[SHARED_BY_SETTINGS]
+
+    def _slips(
+        self, state: State
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Rotation (V, 3) and translation (V, 3); then what their derivatives are made of.
+
+        That is the rotation (V, 3, 3) of the slip, the hand relative to the target's middle in the
+        camera's directions (V, 3), and the hand in the camera frame relative to where X puts it.
+        """
+        mounting = state.mounting
+        x, y = mounting.camera_from_hand, mounting.base_from_target
+        turned = x.rotation.T @ state.rotations @ y.rotation.T @ self.hand_rotations
+        in_target = (self.hand_translations_mm - y.translation_mm) @ y.rotation
+        arm = (state.rotations @ (in_target - self.middles_mm)[..., None])[..., 0]
+        at_hand = arm + _middles(state) - x.translation_mm
+        return _vee(turned), at_hand @ x.rotation, turned, arm, at_hand
 
 
 def _middles(state: State) -> FloatArray:

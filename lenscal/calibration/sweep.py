@@ -1,27 +1,43 @@
-"""All settings of a recording: one calibration each, one table of all."""
+"""All settings of a recording: one calibration each, one table of all.
+
+Where a robot carried the camera, the settings are calibrated twice: first each from its own views,
+then with what the others know of the robot and of how camera and target are mounted.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import multiprocessing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from lenscal.calibration.calibration import Calibration, axial_distance_mm
+from lenscal.calibration.calibration import Calibration, Repeatability, RobotEvidence
+from lenscal.calibration.pooling import pool_repeatability, pool_settings
 from lenscal.calibration.refine import calibrate_views
-from lenscal.calibration.table import COLUMNS, PAIRS, CalibrationTable, Failure
+from lenscal.calibration.slips import MountingPrior
+from lenscal.calibration.table import COLUMNS, CalibrationTable, Failure
+from lenscal.calibration.table_row import Row, evidence_of, row_of
 from lenscal.document import Json, digest
 from lenscal.errors import CalibrationError, InputError, LensCalError
 from lenscal.progress import Progress
 from lenscal.recording import Head, Recording, SettingRecord, head_to_json, setting_to_json
 
-Row = dict[str, float | str]
+Mapper = Callable[[Callable[["Job"], Any], Sequence["Job"]], Iterator[Any]]
+
+#: Settings that are enough to learn how well a robot repeats.
+_ROBOT_SETTINGS: Final = 16
+#: Rounds of doing so, and the relative change at which it is known.
+_ROBOT_ROUNDS: Final = 8
+_STEADY: Final = 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +52,42 @@ class SweepOptions:
         How many radial coefficients are estimated.
     decentring
         Whether p1 and p2 are estimated.
+    free_scale_factor
+        Whether the scale factor is estimated.
+    use_robot
+        Whether the poses that the robot reported tie the views.
+    repeatability
+        Of the robot; None to estimate it.
     """
 
     principal_point_px: tuple[float, float] | None = None
     radial_terms: int = 1
     decentring: bool = False
+    free_scale_factor: bool = False
+    use_robot: bool = True
+    repeatability: Repeatability | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """One setting to be calibrated, with what the others say.
+
+    Parameters
+    ----------
+    record
+        The setting.
+    repeatability
+        Of the robot; None to estimate it.
+    prior
+        What other settings know of the mounting.
+    note
+        A warning to go on record.
+    """
+
+    record: SettingRecord
+    repeatability: Repeatability | None = None
+    prior: MountingPrior | None = None
+    note: str | None = None
 
 
 def calibrate_recording(
@@ -51,6 +98,9 @@ def calibrate_recording(
     principal_point_px: npt.ArrayLike | None = None,
     radial_terms: int = 1,
     decentring: bool = False,
+    free_scale_factor: bool = False,
+    use_robot: bool = True,
+    repeatability: Repeatability | None = None,
 ) -> CalibrationTable:
     """Calibrate every setting of a recording.
 
@@ -60,7 +110,8 @@ def calibrate_recording(
         The recording, complete or broken off.
     workers
         Processes to share the work; None for this one alone, which is quicker up to some dozens of
-        settings.
+        settings. A script that asks for more has to keep its own work under
+        ``if __name__ == "__main__":``, as always with processes.
     progress
         Told after each setting how many are done, of how many, and which was the last.
     principal_point_px
@@ -69,6 +120,13 @@ def calibrate_recording(
         How many radial coefficients are estimated.
     decentring
         Whether p1 and p2 are estimated.
+    free_scale_factor
+        Whether the scale factor is estimated at every setting, starting from that of the sensor.
+    use_robot
+        Whether the poses that the robot reported tie the views of each setting, where there are
+        any. Without them D and the nodal offset rest on perspective alone.
+    repeatability
+        Of the robot; None to estimate it from all settings.
 
     Returns
     -------
@@ -89,23 +147,25 @@ def calibrate_recording(
     if principal_point_px is not None:
         x, y = np.asarray(principal_point_px, dtype=np.float64)
         fixed = float(x), float(y)
-    work = partial(
-        calibrate_setting,
-        recording.head,
-        options=SweepOptions(fixed, radial_terms, decentring),
+    options = SweepOptions(
+        fixed, radial_terms, decentring, free_scale_factor, use_robot, repeatability
     )
-    rows: list[Row] = []
-    evidence: list[Json] = []
-    failures: list[Failure] = []
-    outcomes = _outcomes(work, recording.settings, workers)
-    for done, (record, outcome) in enumerate(zip(recording.settings, outcomes, strict=True), 1):
-        if isinstance(outcome, str):
-            failures.append(Failure(record.setting.zoom, record.setting.focus, outcome))
-        else:
-            rows.append(outcome[0])
-            evidence.append(outcome[1])
-        if progress is not None:
-            progress(done, total, str(record.setting))
+    jobs: Sequence[Job] = [Job(record, repeatability) for record in recording.settings]
+    with _mapper(workers, total) as run:
+        if use_robot and any(_has_robot(record) for record in recording.settings):
+            jobs = _informed(jobs, partial(_measure, recording.head, options=options), run)
+        rows: list[Row] = []
+        evidence: list[Json] = []
+        failures: list[Failure] = []
+        outcomes = run(partial(calibrate_setting, recording.head, options=options), jobs)
+        for done, (record, outcome) in enumerate(zip(recording.settings, outcomes, strict=True), 1):
+            if isinstance(outcome, str):
+                failures.append(Failure(record.setting.zoom, record.setting.focus, outcome))
+            else:
+                rows.append(outcome[0])
+                evidence.append(outcome[1])
+            if progress is not None:
+                progress(done, total, str(record.setting))
     if not rows:
         raise CalibrationError(
             f"none of the {total} settings could be calibrated; the first "
@@ -122,16 +182,14 @@ def calibrate_recording(
     )
 
 
-def calibrate_setting(
-    head: Head, record: SettingRecord, options: SweepOptions
-) -> tuple[Row, Json] | str:
+def calibrate_setting(head: Head, job: Job, options: SweepOptions) -> tuple[Row, Json] | str:
     """Calibrate one setting.
 
     Parameters
     ----------
     head
         What holds for all settings.
-    record
+    job
         The setting.
     options
         How.
@@ -142,124 +200,108 @@ def calibrate_setting(
         A row of the table and what stands behind it; or a sentence that says why there is none.
     """
     try:
-        if record.focus_view is None:
+        if job.record.focus_view is None:
             raise CalibrationError("its focus view was lost, so that D is not known")
-        calibration = calibrate_views(
-            [view.observation.points_mm for view in record.views],
-            [view.observation.pixels for view in record.views],
-            head.sensor,
-            focus_view=record.focus_view,
-            principal_point_px=options.principal_point_px,
-            radial_terms=options.radial_terms,
-            decentring=options.decentring,
-        )
+        calibration = _calibrate(head, job, options)
         if calibration.focus_view is None:
             raise CalibrationError("its focus view was rejected, so that D is not known")
-        return _row(head, record, calibration), _evidence(record, calibration)
+        return row_of(head, job.record, calibration), evidence_of(job.record, calibration)
     except LensCalError as error:
         return str(error)
 
 
-def standoff_mm(head: Head, record: SettingRecord) -> float:
-    """Tell how far the reference projection centre stood from the target plane in the focus view.
+def _calibrate(head: Head, job: Job, options: SweepOptions) -> Calibration:
+    """Calibrate with the robot, or say why not and calibrate without."""
+    solve = partial(
+        calibrate_views,
+        [view.observation.points_mm for view in job.record.views],
+        [view.observation.pixels for view in job.record.views],
+        head.sensor,
+        focus_view=job.record.focus_view,
+        principal_point_px=options.principal_point_px,
+        radial_terms=options.radial_terms,
+        decentring=options.decentring,
+        free_scale_factor=options.free_scale_factor,
+    )
+    if not (options.use_robot and _has_robot(job.record)):
+        return solve()
+    try:
+        calibration = solve(
+            hand_poses=[view.base_from_hand for view in job.record.views],
+            hand_from_camera=head.hand_from_camera,
+            repeatability=job.repeatability,
+            mounting_prior=job.prior,
+        )
+        notes = () if job.note is None else (job.note,)
+    except CalibrationError as error:
+        calibration = solve()
+        notes = (f"the poses of the robot were not used: {error}",)
+    return replace(calibration, warnings=(*notes, *calibration.warnings))
 
-    Parameters
-    ----------
-    head
-        With the hand-eye calibration and the place of the target.
-    record
-        The setting.
 
-    Returns
-    -------
-    float
-        Along the optical axis in mm, from the robot's poses alone; NaN where there are none.
-    """
-    hand = None if record.focus_view is None else record.views[record.focus_view].base_from_hand
-    if hand is None or head.hand_from_camera is None or head.base_from_target is None:
-        return np.nan
-    reference_from_target = (hand @ head.hand_from_camera).inverse() @ head.base_from_target
-    return axial_distance_mm(reference_from_target)
+def _measure(head: Head, job: Job, options: SweepOptions) -> RobotEvidence | None:
+    """Tell what one setting knows of the robot by itself; None when it knows nothing."""
+    try:
+        return _calibrate(head, job, options).robot
+    except LensCalError:
+        return None  # calibrate_setting will meet the same trouble and report it
 
 
-def _outcomes(
-    work: Callable[[SettingRecord], tuple[Row, Json] | str],
-    records: tuple[SettingRecord, ...],
-    workers: int | None,
-) -> Iterator[tuple[Row, Json] | str]:
+def _informed(
+    jobs: Sequence[Job], measure: Callable[[Job], RobotEvidence | None], run: Mapper
+) -> Sequence[Job]:
+    """Give every setting what the others know."""
+    repeatability = jobs[0].repeatability or _repeatability(jobs, measure, run)
+    if repeatability is None:
+        return jobs
+    jobs = [replace(job, repeatability=repeatability) for job in jobs]
+    measured = list(run(measure, jobs))
+    known = [evidence for evidence in measured if evidence is not None]
+    if not known:
+        return jobs
+    pool = pool_settings(known)
+    shared = iter(zip(pool.priors, pool.notes, strict=True))
+    informed = []
+    for job, evidence in zip(jobs, measured, strict=True):
+        prior, note = (None, None) if evidence is None else next(shared)
+        informed.append(replace(job, prior=prior, note=note))
+    return informed
+
+
+def _repeatability(
+    jobs: Sequence[Job], measure: Callable[[Job], RobotEvidence | None], run: Mapper
+) -> Repeatability | None:
+    """Estimate the repeatability of the robot from some settings, all together."""
+    stride = -(-len(jobs) // _ROBOT_SETTINGS)
+    believed: Repeatability | None = None
+    for _ in range(_ROBOT_ROUNDS):
+        sample = [replace(job, repeatability=believed) for job in jobs[::stride]]
+        known = [evidence for evidence in run(measure, sample) if evidence is not None]
+        if not known:
+            return None
+        previous, believed = believed, pool_repeatability(known)
+        if previous is not None and np.allclose(
+            dataclasses.astuple(previous), dataclasses.astuple(believed), rtol=_STEADY
+        ):
+            break
+    return believed
+
+
+def _has_robot(record: SettingRecord) -> bool:
+    """Tell whether a robot said where it took the focus view."""
+    focus_view = record.focus_view
+    return focus_view is not None and record.views[focus_view].base_from_hand is not None
+
+
+@contextmanager
+def _mapper(workers: int | None, total: int) -> Iterator[Mapper]:
+    """Give a function that maps jobs, here or in processes of their own, in order."""
     if workers is None or workers < 2:
-        yield from map(work, records)
+        yield map
         return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        yield from pool.map(work, records, chunksize=max(1, len(records) // (4 * workers)))
-
-
-def _row(head: Head, record: SettingRecord, calibration: Calibration) -> Row:
-    standoff = standoff_mm(head, record)
-    sharpest = np.nan if record.focus is None else record.focus.sigma_mm
-    row: Row = {
-        "zoom": record.setting.zoom,
-        "focus": record.setting.focus,
-        "iris": np.nan if record.setting.iris is None else record.setting.iris,
-        "magnification": calibration.magnification,
-        "object_distance_mm": calibration.object_distance_mm,
-        "image_distance_mm": calibration.image_distance_mm,
-        "focal_length_mm": calibration.focal_length_mm,
-        "standoff_mm": standoff,
-        "nodal_offset_mm": calibration.object_distance_mm - standoff,
-        "principal_point_x_px": float(calibration.camera.centre_px[0]),
-        "principal_point_y_px": float(calibration.camera.centre_px[1]),
-        "k1_per_mm2": calibration.camera.k1_per_mm2,
-        "rms_px": calibration.rms_px,
-        "views": sum(bool(used.any()) for used in calibration.inliers),
-        "corners": sum(int(used.sum()) for used in calibration.inliers),
-        "rejected_corners": sum(int((~used).sum()) for used in calibration.inliers),
-        "approach": record.approach.value,
-        "sigma_standoff_mm": np.nan if np.isnan(standoff) else sharpest,
-        "sigma_sharpest_mm": sharpest,
-    }
-    # The nodal offset inherits the error of D: the standoff is known so much better.
-    source = {"nodal_offset_mm": "object_distance_mm"}
-    known = {q for q in row if q in calibration.quantities} | source.keys()
-    for quantity in known:
-        row[f"sigma_{quantity}"] = calibration.sigma(source.get(quantity, quantity))
-    for a, b in PAIRS:
-        pair = [source.get(a, a), source.get(b, b)]
-        row[f"cov_{a}_{b}"] = float(calibration.covariance(pair)[0, 1])
-    if np.isnan(standoff):
-        for column in row:
-            if "nodal_offset_mm" in column:
-                row[column] = np.nan
-    return row
-
-
-def _evidence(record: SettingRecord, calibration: Calibration) -> Json:
-    names = list(calibration.quantities)
-    return {
-        "zoom": record.setting.zoom,
-        "focus": record.setting.focus,
-        "noise_px": calibration.noise_px,
-        "quantities": names,
-        "covariance": calibration.covariance(names).tolist(),
-        "poses": [pose.matrix.tolist() for pose in calibration.poses],
-        "rms_px_of_views": [
-            float(np.sqrt((r[i] ** 2).sum(axis=1).mean())) if i.any() else None
-            for r, i in zip(calibration.residuals_px, calibration.inliers, strict=True)
-        ],
-        "rejected": [
-            {
-                "view": r.view,
-                "point_id": None
-                if r.point is None
-                else int(record.views[r.view].observation.ids[r.point]),
-                "residual_px": r.residual_px if np.isfinite(r.residual_px) else None,
-                "reason": r.reason,
-            }
-            for r in calibration.rejected
-        ],
-        "warnings": list(calibration.warnings),
-    }
+        yield partial(pool.map, chunksize=max(1, total // (4 * workers)))
 
 
 def _hash(recording: Recording) -> str:

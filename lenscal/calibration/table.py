@@ -22,7 +22,7 @@ from lenscal.sensor import Sensor
 from lenscal.setting import LensSetting
 
 KIND: Final = "calibration-table"
-VERSION: Final = 1
+VERSION: Final = 2
 
 #: Quantities of a setting; each has a column ``sigma_<quantity>`` with its standard deviation.
 QUANTITIES: Final = (
@@ -32,9 +32,12 @@ QUANTITIES: Final = (
     "focal_length_mm",
     "standoff_mm",
     "nodal_offset_mm",
+    "nodal_x_mm",
+    "nodal_y_mm",
     "principal_point_x_px",
     "principal_point_y_px",
     "k1_per_mm2",
+    "scale_factor",
 )
 #: Quantities whose errors go together; every pair has a column ``cov_<a>_<b>`` in this order.
 CORRELATED: Final = (
@@ -43,6 +46,7 @@ CORRELATED: Final = (
     "image_distance_mm",
     "focal_length_mm",
     "nodal_offset_mm",
+    "standoff_mm",
 )
 PAIRS: Final = tuple((a, b) for i, a in enumerate(CORRELATED) for b in CORRELATED[i + 1 :])
 
@@ -52,6 +56,7 @@ COLUMNS: Final = (
     "zoom",
     "focus",
     "iris",
+    "temperature_c",
     *QUANTITIES,
     "rms_px",
     *COUNTS,
@@ -84,10 +89,11 @@ class CalibrationTable:
     """Calibrations of all settings of a recording.
 
     ``sigma_<quantity>`` is what the calibration knows of the plane of the focus view. How well that
-    view stood at the sharpest distance is ``sigma_sharpest_mm``, from the autofocus; it is all
-    there is to the error of the standoff, and comes on top of that of D. D and the nodal offset
-    share one error, because the standoff between them is known from the robot. NaN stands for what
-    was not recorded.
+    view stood at the sharpest distance is ``sigma_sharpest_mm``, from the autofocus, which comes on
+    top; only ``sigma_standoff_mm`` holds it already, because it is most of the error there. D and
+    the nodal offset share one large error, since the robot knows the standoff between them. The
+    projection centre lies at (``nodal_x_mm``, ``nodal_y_mm``, −``nodal_offset_mm``) in the frame of
+    the reference camera. NaN stands for what is not known, and for the σ of what was held fixed.
 
     Parameters
     ----------
@@ -159,7 +165,7 @@ class CalibrationTable:
         """
         table, document = _both(path)
         text = self.rows.to_csv(index=False, lineterminator="\n")
-        write_whole(table, text)
+        # The document first: what it cannot hold must not cost the table that is there.
         write_document(
             document,
             KIND,
@@ -177,7 +183,7 @@ class CalibrationTable:
                 "versions": self.versions,
             },
         )
-        return table
+        return write_whole(table, text)
 
     @classmethod
     def load(cls, path: Path | str) -> CalibrationTable:
@@ -210,8 +216,12 @@ class CalibrationTable:
                 "does not match); restore it, or calibrate again"
             )
         setting: Any = body["reference_setting"]
+        rows = _parse(content)
+        if body["version"] < VERSION:
+            # Columns that were thought of later: nothing is known of them.
+            rows = rows.reindex(columns=[*rows.columns, *(c for c in COLUMNS if c not in rows)])
         return cls(
-            _parse(content),
+            rows,
             Sensor(**body["sensor"]),
             None if setting is None else LensSetting(*setting),
             body["recording_sha256"],

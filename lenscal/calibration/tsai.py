@@ -11,6 +11,7 @@ import numpy.typing as npt
 from lenscal.arrays import FloatArray, frozen_array, positive
 from lenscal.calibration.bundle import fit
 from lenscal.calibration.calibration import Calibration
+from lenscal.calibration.conclusion import conclude
 from lenscal.calibration.projection import (
     CENTRE_X,
     CENTRE_Y,
@@ -19,8 +20,8 @@ from lenscal.calibration.projection import (
     SCALE_FACTOR,
 )
 from lenscal.calibration.radial_alignment import TwoStage, two_stage
-from lenscal.calibration.refine import conclude
 from lenscal.calibration.rejection import Selection
+from lenscal.calibration.scale_factor import WORTHLESS, scale_factor_doubt
 from lenscal.calibration.views import State, Views
 from lenscal.errors import DegenerateGeometryError, InputError
 from lenscal.sensor import Sensor
@@ -57,7 +58,8 @@ def calibrate_tsai(
         the centre of the frame buffer by the two-stage method.
     scale_factor
         Where it is known and to be held fixed. None: estimated from points in space; that of the
-        sensor with coplanar points, which cannot show it.
+        sensor with coplanar points, which cannot show it, and with points so nearly coplanar that
+        it would be known to no better than 1 %, which a warning tells.
     method
         "two_stage" stops after the radial alignment and the refinement of d, T_z and κ1; "full"
         goes on to minimise the squared pixel residual over all parameters, and knows how good
@@ -66,7 +68,9 @@ def calibrate_tsai(
     Returns
     -------
     Calibration
-        With one view.
+        With one view. The two-stage solution warns when the world's origin is seen near the middle
+        of the image or level with it, where Tsai's T_y vanishes: it is then solved about another
+        point, and given for the world's origin all the same.
 
     Raises
     ------
@@ -86,9 +90,7 @@ def calibrate_tsai(
     fixed = frozen_array("principal_point_px", centre, (2,))
     if scale_factor is not None:
         sensor = replace(sensor, scale_factor=positive("scale_factor", scale_factor))
-    start = two_stage(points, seen, sensor, fixed)
-    if scale_factor is not None:
-        start = start._replace(camera=replace(start.camera, sensor=sensor))
+    start = two_stage(points, seen, sensor, fixed, free_scale_factor=scale_factor is None)
     if method == "two_stage":
         return _as_it_is(points, seen, start)
     if len(points) < _LEAST_FULL:
@@ -96,13 +98,20 @@ def calibrate_tsai(
             f"{len(points)} points are too few for the full method, which needs {_LEAST_FULL}; "
             "use method='two_stage'"
         )
-    return _optimised(
-        points,
-        seen,
-        start,
-        free_centre=principal_point_px is None,
-        free_scale_factor=scale_factor is None and not start.coplanar,
+    free_centre = principal_point_px is None
+    if start.coplanar or scale_factor is not None:
+        return _optimised(points, seen, start, free_centre=free_centre, free_scale_factor=False)
+    result = _optimised(points, seen, start, free_centre=free_centre, free_scale_factor=True)
+    doubt = scale_factor_doubt(result)
+    if doubt <= WORTHLESS:
+        return result
+    start = two_stage(points, seen, sensor, fixed, free_scale_factor=False)
+    held = _optimised(points, seen, start, free_centre=free_centre, free_scale_factor=False)
+    sentence = (
+        f"the points are too nearly in one plane to show the scale factor (σ {100 * doubt:.2g} %); "
+        f"that of the sensor, {sensor.scale_factor:g}, was kept"
     )
+    return replace(held, warnings=(sentence, *held.warnings))
 
 
 def _as_it_is(points: FloatArray, seen: FloatArray, start: TwoStage) -> Calibration:
@@ -111,6 +120,7 @@ def _as_it_is(points: FloatArray, seen: FloatArray, start: TwoStage) -> Calibrat
     return Calibration(
         camera=start.camera,
         poses=(start.camera_from_world,),
+        pixels=(seen,),
         residuals_px=(missed,),
         inliers=(np.ones(len(points), dtype=bool),),
         rejected=(),
@@ -118,6 +128,16 @@ def _as_it_is(points: FloatArray, seen: FloatArray, start: TwoStage) -> Calibrat
         focus_view=0,
         quantities=(),
         quantity_covariance=None,
+        warnings=() if start.origin_mm is None else (_near_axis(start.origin_mm),),
+    )
+
+
+def _near_axis(origin_mm: FloatArray) -> str:
+    x, y, z = origin_mm
+    return (
+        "T_y is near zero: the origin of the world is seen near the middle of the image, or level "
+        f"with it, and Tsai's linear system divides by T_y; it was solved about ({x:.6g}, {y:.6g}, "
+        f"{z:.6g}) mm instead"
     )
 
 

@@ -135,13 +135,9 @@ class State:
         State
             The same in the solver's parameters.
         """
-        x, y, z = camera_from_target.transform(middle_mm)
-        scale = camera.image_distance_mm / z
-        return cls(
-            intrinsics_of(camera),
-            camera_from_target.rotation[None],
-            np.array([[scale * x, scale * y, scale]]),
-        )
+        intrinsics = intrinsics_of(camera)
+        placement = placement_of(camera_from_target, middle_mm, intrinsics)
+        return cls(intrinsics, camera_from_target.rotation[None], placement[None])
 
     def moved(self, shared_step: FloatArray, pose_steps: FloatArray) -> State:
         """Take a step.
@@ -201,6 +197,30 @@ class State:
         # Many small turns leave a rotation off orthonormal by rounding alone.
         rotations = Rotation.from_matrix(self.rotations).as_matrix()
         return tuple(Pose(r, t) for r, t in zip(rotations, shifts, strict=True))
+
+
+def placement_of(
+    camera_from_target: Pose, middle_mm: FloatArray, intrinsics: FloatArray
+) -> FloatArray:
+    """Place the middle of a view.
+
+    Parameters
+    ----------
+    camera_from_target
+        Where the target is.
+    middle_mm
+        (3,) the middle in the target frame.
+    intrinsics
+        (K,) of the camera.
+
+    Returns
+    -------
+    FloatArray
+        (3,) a, b, s.
+    """
+    x, y, z = camera_from_target.transform(middle_mm)
+    scale = 1.0 / (intrinsics[PERSPECTIVE] * z)
+    return np.array([scale * x, scale * y, scale])
 
 
 def translations_mm(

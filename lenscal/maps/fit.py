@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import combinations
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -158,21 +159,22 @@ def _core_covariances(
     for i, sigma in enumerate(sigmas):
         covariances[:, i, i] = (samples[sigma].to_numpy(float) / values[:, i]) ** 2
     shared = "cov_magnification_object_distance_mm"
-    if shared in samples:
-        term = samples[shared].to_numpy(float) / (values[:, 0] * values[:, 1])
-        covariances[:, 0, 1] = covariances[:, 1, 0] = term
-    else:
+    if shared not in samples:
         notes.append(f"no {shared} in the table: d/D and D were taken as uncorrelated")
+    for a, b in combinations(range(len(names)), 2):
+        column = f"cov_{names[a]}_{names[b]}"
+        if column in samples and samples[column].notna().all():
+            term = samples[column].to_numpy(float) / (values[:, a] * values[:, b])
+            covariances[:, a, b] = covariances[:, b, a] = term
+    sharpest = np.zeros(len(samples))
     if "sigma_sharpest_mm" in samples and samples["sigma_sharpest_mm"].notna().all():
-        sharpest = samples["sigma_sharpest_mm"].to_numpy(float)[:, None]
-        effect = np.concatenate([-1 / values[:, 1:2], 1 / values[:, 1:]], axis=1) * sharpest
-        covariances += effect[:, :, None] * effect[:, None, :]
+        sharpest = samples["sigma_sharpest_mm"].to_numpy(float)
     else:
         notes.append("no sigma_sharpest_mm in the table: autofocus was taken as exact")
     if len(names) == 3:
-        covariances[:, 2, 2] = np.maximum(
-            covariances[:, 2, 2], _own_variance(samples, values[:, 2], covariances[:, 2, 2])
-        )
+        covariances[:, 2, 2] = _variance_without_autofocus(samples, values[:, 2], sharpest)
+    effect = np.concatenate([-1 / values[:, 1:2], 1 / values[:, 1:]], axis=1) * sharpest[:, None]
+    covariances += effect[:, :, None] * effect[:, None, :]
     if (np.linalg.eigvalsh(covariances)[:, 0] <= 0).any():
         raise InputError(
             "the covariances of the samples contradict themselves: a correlation beyond ±1; check "
@@ -181,12 +183,15 @@ def _core_covariances(
     return names, covariances, notes
 
 
-def _own_variance(samples: pd.DataFrame, standoff: FloatArray, known: FloatArray) -> FloatArray:
-    """Variance of ln standoff as the table states it, or else that of the autofocus."""
+def _variance_without_autofocus(
+    samples: pd.DataFrame, standoff: FloatArray, sharpest: FloatArray
+) -> FloatArray:
+    """Variance of ln standoff that is not the autofocus's, which the stated σ holds too."""
     if "sigma_standoff_mm" in samples and samples["sigma_standoff_mm"].notna().all():
-        return np.asarray((samples["sigma_standoff_mm"].to_numpy(float) / standoff) ** 2)
-    if (known > 0).all():
-        return known
+        total = samples["sigma_standoff_mm"].to_numpy(float)
+        return np.asarray(np.maximum(total**2 - sharpest**2, 0.0) / standoff**2)
+    if (sharpest > 0).all():
+        return np.zeros(len(samples))
     raise InputError(
         "the table has standoff_mm but neither sigma_standoff_mm nor sigma_sharpest_mm; state one "
         "of them, or leave standoff_mm out"

@@ -1,5 +1,7 @@
 """Against Willson's reference data of 1995; his numbers are in issue 4 and in the anchors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,6 +41,44 @@ def test_two_stage_reaches_the_converged_solution(coplanar):
     assert result.camera.k1_per_mm2 == pytest.approx(-5.3967e-4, rel=2e-5)
     assert t_z == pytest.approx(5384.19, rel=2e-5)
     assert (t_x, t_y) == pytest.approx((152.194, -70.610), abs=1e-3)
+    assert t_z / result.image_distance_mm == pytest.approx(24.4108, abs=5e-4)
+    assert result.warnings == ()
+    willson = _at(coplanar, 220.222296, -5.393556e-4, 5375.732834, result)
+    assert willson > 2.1099
+    assert _undistorted(coplanar, result.camera, result.poses[0]) < willson
+
+
+def _at(data, distance, k1, t_z, result):
+    """Squares of the undistorted residual, with d, κ1 and T_z from elsewhere."""
+    camera = replace(result.camera, image_distance_mm=distance, k1_per_mm2=k1)
+    shift = result.poses[0].translation_mm
+    return _undistorted(data, camera, Pose(result.poses[0].rotation, [*shift[:2], t_z]))
+
+
+def _undistorted(data, camera, pose):
+    """Squares of what Tsai's second stage minimises, in px²."""
+    (points, seen), pitch = data, camera.sensor.sample_pitch_mm
+    x, y, z = pose.transform(points).T
+    ideal = camera.image_distance_mm * np.column_stack([x / z, y / z])
+    straight = camera.undistort((seen - camera.centre_px) * pitch)
+    return float((((ideal - straight) / pitch) ** 2).sum())
+
+
+def test_two_stage_in_space_agrees_with_willsons(in_space):
+    """From nccal.log, "Tz, f, kappa1 optimization"; his T_x is not freed from his s_x."""
+    result = calibrate_tsai(*in_space, SENSOR, principal_point_px=(258, 204), method="two_stage")
+    t_x, t_y, t_z = result.poses[0].translation_mm
+    assert t_y == pytest.approx(-79.794913, abs=1e-6)
+    assert t_x / result.camera.sensor.scale_factor == pytest.approx(-97.408705, abs=1e-6)
+    assert result.image_distance_mm == pytest.approx(68.168628, rel=3e-3)
+    assert t_z / result.image_distance_mm == pytest.approx(28.556096, rel=1e-4)
+    assert 1 / result.camera.sensor.scale_factor == pytest.approx(1.000158, abs=6e-7)
+    # One degree of freedom less: the same orientation, in samples as they are stated.
+    held = calibrate_tsai(
+        *in_space, SENSOR, principal_point_px=(258, 204), scale_factor=1.0, method="two_stage"
+    )
+    assert held.camera.sensor.scale_factor == 1.0
+    assert held.image_distance_mm == pytest.approx(68.168628, rel=3e-3)
 
 
 def test_two_stage_gives_no_uncertainty(coplanar):
@@ -92,6 +132,33 @@ def _plane(columns=8, rows=6, spacing=10.0):
     return spacing * (grid - grid.mean(axis=0))
 
 
+@pytest.mark.parametrize(
+    ("shift", "named"),
+    [((0.0, 0.0, 1200.0), True), ((40.0, 0.0, 1200.0), True), ((20.0, -30.0, 900.0), False)],
+)
+@pytest.mark.parametrize("in_plane", [True, False])
+def test_an_origin_that_tsai_warns_of_is_named(shift, named, in_plane):
+    """T_y divides his linear system, and vanishes where the world's origin is level with C."""
+    world = _plane() if in_plane else np.random.default_rng(3).uniform(-40, 40, (40, 3))
+    pose = Pose.from_rotation_vector((0.5, 0.2, 0.1), shift)
+    points, pixels, camera = _scene(pose, world)
+    arguments = {"principal_point_px": camera.centre_px}
+    result = calibrate_tsai(points, pixels, SENSOR, **arguments, method="two_stage")
+    assert result.image_distance_mm == pytest.approx(100.0, rel=1e-6)
+    np.testing.assert_allclose(result.poses[0].translation_mm, shift, rtol=1e-6, atol=1e-4)
+    assert len(result.warnings) == named
+    if named:
+        place = ", ".join(f"{c:.6g}" for c in points[_farthest(pixels, camera)])
+        assert "T_y is near zero: the origin of the world is seen near" in result.warnings[0]
+        assert f"it was solved about ({place}) mm instead" in result.warnings[0]
+    # The full optimisation does not depend on where it began.
+    assert calibrate_tsai(points, pixels, SENSOR, **arguments).warnings == ()
+
+
+def _farthest(pixels, camera):
+    return np.argmax(np.abs(pixels[:, 1] - camera.centre_px[1]))
+
+
 @pytest.mark.parametrize("method", ["two_stage", "full"])
 @pytest.mark.parametrize("shift", [(0.0, 0.0, 1200.0), (40.0, 0.0, 1200.0), (20.0, -30.0, 900.0)])
 def test_exact_points_give_the_exact_camera_wherever_the_origin_is(method, shift):
@@ -129,6 +196,46 @@ def test_exact_points_in_space_show_the_scale_factor():
         )
         assert result.camera.sensor.scale_factor == pytest.approx(0.70642, rel=1e-7)
         assert result.image_distance_mm == pytest.approx(100.0, rel=1e-6)
+
+
+def test_points_all_but_in_a_plane_keep_the_scale_factor_of_the_sensor():
+    """Where it would be known to no better than 1 %, it is not estimated, and a warning says so."""
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-40, 40, (60, 3)) * (1.0, 1.0, 2e-3)
+    pose = Pose.from_rotation_vector((0.5, 0.0, 0.0), (10.0, 15.0, 900.0))
+    points, pixels, camera = _scene(pose, points)
+    noisy = pixels + 0.1 * rng.standard_normal(pixels.shape)
+    result = calibrate_tsai(points, noisy, SENSOR, principal_point_px=camera.centre_px)
+    assert result.camera.sensor.scale_factor == 1.0
+    assert result.sigma("scale_factor") == 0.0
+    assert result.image_distance_mm == pytest.approx(
+        100.0, abs=4 * result.sigma("image_distance_mm")
+    )
+    assert (
+        "the points are too nearly in one plane to show the scale factor (σ" in result.warnings[0]
+    )
+    assert "that of the sensor, 1, was kept" in result.warnings[0]
+
+
+@pytest.mark.parametrize("method", ["two_stage", "full"])
+def test_a_stated_scale_factor_is_right_in_both_methods(method):
+    rng = np.random.default_rng(3)
+    pose = Pose.from_rotation_vector((0.3, -0.2, 0.4), (10.0, 15.0, 900.0))
+    sensor = replace(SENSOR, scale_factor=0.70642)
+    camera = Camera(sensor, 100.0, -5e-4, (290.0, 190.0))
+    points = rng.uniform(-40, 40, (40, 3))
+    pixels = camera.project(pose.transform(points))
+    result = calibrate_tsai(
+        points,
+        pixels,
+        SENSOR,
+        principal_point_px=(290.0, 190.0),
+        scale_factor=0.70642,
+        method=method,
+    )
+    assert result.camera.sensor == sensor
+    assert result.rms_px < 1e-4
+    assert result.image_distance_mm == pytest.approx(100.0, rel=1e-6)
 
 
 def test_a_plane_parallel_to_the_sensor_is_refused():
