@@ -42,7 +42,9 @@ def frozen_array(
         When the value is not numeric, has another shape, or is not finite.
     """
     try:
-        array = np.array(value, dtype=np.float64)
+        # What is frozen already, and is no window on something that is not, needs no copy.
+        frozen = isinstance(value, np.ndarray) and not value.flags.writeable and value.base is None
+        array = (np.asarray if frozen else np.array)(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(
             f"{name} must be an array of numbers of shape {_shown(shape)}; given is {value!r:.60}"

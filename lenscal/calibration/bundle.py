@@ -141,6 +141,8 @@ class Fit(NamedTuple):
         The parameters.
     residuals_px
         (V, 2, M) prediction minus observation there.
+    jacobian
+        (V, k + 6, 2, M) its derivatives by what was free.
     cost
         Weighted sum of squared residuals in px², with what else is known.
     settled
@@ -149,13 +151,14 @@ class Fit(NamedTuple):
 
     state: State
     residuals_px: FloatArray
+    jacobian: FloatArray
     cost: float
     settled: bool
 
 
 def fit(
     views: Views,
-    start: State,
+    start: State | Fit,
     free: BoolArray,
     weights: FloatArray,
     *,
@@ -169,7 +172,7 @@ def fit(
     views
         The observations.
     start
-        First parameters.
+        First parameters, or an earlier fit with the same free ones, which saves its work.
     free
         (K,) which intrinsics may move, (K + 12,) with those of the mounting; poses always do.
     weights
@@ -185,13 +188,15 @@ def fit(
         The best parameters reached.
     """
     problem = _Problem(views, free, weights, knowledge)
-    point = problem.at(start)
+    point = problem.at(start) if isinstance(start, State) else problem.resume(start)
     floor = _ROUNDING_PX**2 * float(weights.sum())
     damping, settled = _FIRST_DAMPING, False
     for _ in range(steps):
         system = problem.system(point)
         while damping < _MOST_DAMPING:
             step = _step(system, free, damping)
+            if -_slope(system, free, step) <= _SETTLED * point.cost + floor and damping < 1.0:
+                return Fit(*point, settled=True)
             trial = problem.at(point.state.moved(*step))
             if trial.cost > point.cost:
                 # Along a direction that the data hardly hold, the curvature that Gauss and Newton
@@ -204,12 +209,12 @@ def fit(
                 break
             damping *= 10
         else:
-            return Fit(point.state, point.residual, point.cost, True)
+            return Fit(*point, settled=True)
         settled = point.cost - trial.cost <= _SETTLED * point.cost + floor and damping < 1.0
         point, damping = trial, max(damping / 10, _LEAST_DAMPING)
         if settled:
             break
-    return Fit(point.state, point.residual, point.cost, settled)
+    return Fit(*point, settled=settled)
 
 
 class Covariance(NamedTuple):
@@ -279,7 +284,8 @@ def covariance(
     """
     problem = _Problem(views, free, weights, knowledge)
     system = problem.system(problem.at(state))
-    reduced, eliminated = _reduce(system.shared, system.cross, system.poses)
+    inverse_poses: FloatArray = np.linalg.inv(_solvable(system.poses)).astype(np.float64)
+    reduced, eliminated = _reduce(system.shared, system.cross, inverse_poses)
     scale = np.sqrt(np.diag(system.shared))
     with np.errstate(invalid="ignore", divide="ignore"):
         normalised = reduced / np.outer(scale, scale)
@@ -291,7 +297,7 @@ def covariance(
         )
     moved = np.linalg.inv(normalised) / np.outer(scale, scale)
     free_cross = -moved @ eliminated
-    poses = np.linalg.inv(_solvable(system.poses)) - eliminated.transpose(0, 2, 1) @ free_cross
+    poses = inverse_poses - eliminated.mT @ free_cross
     count = len(free)
     full, cross = np.zeros((count, count)), np.zeros((len(poses), count, 6))
     full[np.ix_(free, free)] = moved
@@ -303,8 +309,8 @@ class _Point(NamedTuple):
     """Parameters, and what they predict."""
 
     state: State
-    jacobian: FloatArray
     residual: FloatArray
+    jacobian: FloatArray
     cost: float
 
 
@@ -329,11 +335,18 @@ class _Problem:
             self._free[: len(intrinsics)],
         )
         residual = _residuals(self._views, projection.pixels)
+        return _Point(state, residual, projection.jacobian, self._cost(state, residual))
+
+    def resume(self, fit: Fit) -> _Point:
+        cost = self._cost(fit.state, fit.residuals_px)
+        return _Point(fit.state, fit.residuals_px, fit.jacobian, cost)
+
+    def _cost(self, state: State, residual: FloatArray) -> float:
         weighted = np.where(self._counted[:, None], residual, 0.0) * self._root
         cost = float((weighted**2).sum())
         if self._knowledge is not None:
             cost += self._knowledge.cost(state)
-        return _Point(state, projection.jacobian, residual, np.inf if np.isnan(cost) else cost)
+        return np.inf if np.isnan(cost) else cost
 
     def system(self, point: _Point) -> System:
         # A point that cannot be projected pulls nowhere.
@@ -376,24 +389,25 @@ def _residuals(views: Views, pixels: FloatArray) -> FloatArray:
 def _step(system: System, free: BoolArray, damping: float) -> tuple[FloatArray, FloatArray]:
     """Solve the damped normal equations; Marquardt's scaling makes units irrelevant."""
     shared = system.shared + damping * np.diag(np.diag(system.shared))
-    poses = system.poses + damping * system.poses * np.eye(6)
+    damped = system.poses + damping * system.poses * np.eye(6)
+    poses = np.linalg.inv(_solvable(damped)).astype(np.float64)
     full = np.zeros(len(free))
     if free.any():
         reduced, eliminated = _reduce(shared, system.cross, poses)
-        slope = system.shared_slope - np.einsum("vkp,vp->k", eliminated, system.pose_slopes)
+        slope = system.shared_slope - (eliminated @ system.pose_slopes[..., None]).sum(axis=0)[:, 0]
         scale = np.sqrt(np.maximum(np.diag(shared), np.finfo(float).tiny))
         normalised = reduced / np.outer(scale, scale)
         full[free] = np.linalg.lstsq(normalised, -slope / scale, rcond=1e-15)[0] / scale
-    pull = system.pose_slopes + np.einsum("vkp,k->vp", system.cross, full[free])
-    return full, -np.linalg.solve(_solvable(poses), pull[..., None])[..., 0]
+    pull = system.pose_slopes + full[free] @ system.cross
+    return full, -(poses @ pull[..., None])[..., 0]
 
 
 def _reduce(
-    shared: FloatArray, cross: FloatArray, poses: FloatArray
+    shared: FloatArray, cross: FloatArray, inverse_poses: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Eliminate the poses: the Schur complement, and cross · poses⁻¹."""
-    eliminated = np.linalg.solve(_solvable(poses), cross.mT).mT.astype(np.float64)
-    return shared - np.einsum("vkp,vlp->kl", eliminated, cross), eliminated
+    eliminated = cross @ inverse_poses
+    return shared - (eliminated @ cross.mT).sum(axis=0), eliminated
 
 
 def _solvable(poses: FloatArray) -> FloatArray:

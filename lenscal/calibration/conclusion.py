@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from lenscal.arrays import BoolArray
+from lenscal.arrays import BoolArray, FloatArray
 from lenscal.calibration.bundle import covariance, residuals
 from lenscal.calibration.calibration import Calibration, RobotEvidence
 from lenscal.calibration.diagnosis import diagnose, inseparable
@@ -15,7 +16,7 @@ from lenscal.calibration.projection import PERSPECTIVE, camera_of
 from lenscal.calibration.rejection import Selection
 from lenscal.calibration.rig_constrained import RobotFit
 from lenscal.calibration.uncertainty import FocusPlane, evaluate_quantities, quantity_names
-from lenscal.calibration.views import State, Views
+from lenscal.calibration.views import Views
 from lenscal.errors import CalibrationError, ConvergenceError, DegenerateGeometryError
 from lenscal.pose import Pose
 from lenscal.sensor import Sensor
@@ -57,7 +58,8 @@ def conclude(
         When the fit did not settle.
     """
     state, inliers = selection.state, selection.inliers
-    squares = float((residuals(views, state) ** 2).sum(axis=1)[inliers].sum())
+    missed = residuals(views, state)
+    squares = float((missed**2).sum(axis=1)[inliers].sum())
     used = inliers.any(axis=1)
     freedom = 2 * int(inliers.sum()) - int(free.sum()) - 6 * int(used.sum())
     if freedom <= 0:
@@ -67,7 +69,7 @@ def conclude(
             "points, or hold the principal point fixed"
         )
     noise_px = float(np.sqrt(squares / freedom))
-    refuse_nonsense(views, inliers, sensor, state)
+    refuse_nonsense(missed, inliers, sensor)
     _refuse_inside_out(views, selection, sensor, noise_px)
     focus_view, notes = _focus_view(selection, focus_view)
     unit = covariance(views, state, free, inliers.astype(float))
@@ -78,14 +80,8 @@ def conclude(
             state.rotations[focus_view], state.placements[focus_view], views.middles_mm[focus_view]
         )
         joint = unit.joint(focus_view)
-    values, quantity_covariance = evaluate_quantities(state.intrinsics, plane, joint, noise_px)
-    result = replace(
-        _observed(views, selection, sensor, noise_px, focus_view),
-        quantities=quantity_names(len(free), plane),
-        quantity_covariance=quantity_covariance,
-        quantity_values=values,
-    )
-    return replace(result, warnings=(*notes, *diagnose(result)))
+    seen = _Seen(views, selection, missed, sensor, noise_px, focus_view)
+    return _with_warnings(_calibration(seen, plane, joint), notes)
 
 
 def conclude_with_robot(
@@ -131,7 +127,8 @@ def conclude_with_robot(
         When the fit did not settle.
     """
     selection = selection._replace(state=robot.state, settled=robot.settled)
-    refuse_nonsense(views, selection.inliers, sensor, robot.state)
+    missed = residuals(views, robot.state)
+    refuse_nonsense(missed, selection.inliers, sensor)
     _refuse_inside_out(views, selection, sensor, robot.noise_px)
     notes = []
     if focus_view is not None and not selection.inliers[focus_view].any():
@@ -148,64 +145,74 @@ def conclude_with_robot(
             hand_from_camera,
         )
     shared = robot.covariance.shared
-    values, quantity_covariance = evaluate_quantities(state.intrinsics, plane, shared, noise_px)
     count = len(state.intrinsics)
-    result = replace(
-        _observed(views, selection, sensor, noise_px, None if plane is None else focus_view),
-        quantities=quantity_names(count, plane),
+    evidence = RobotEvidence(
+        state.mounting,
+        noise_px**2 * shared[count:, count:],
+        robot.slips,
+        robot.believed,
+        robot.repeatability,
+        robot.redundancy,
+    )
+    seen = _Seen(views, selection, missed, sensor, noise_px, None if plane is None else focus_view)
+    return _with_warnings(_calibration(seen, plane, shared, evidence), (*notes, *robot.notes))
+
+
+class _Seen(NamedTuple):
+    """What was fitted, before it is known how well."""
+
+    views: Views
+    selection: Selection
+    missed: FloatArray
+    sensor: Sensor
+    noise_px: float
+    focus_view: int | None
+
+
+def _calibration(
+    seen: _Seen, plane: FocusPlane | None, joint: FloatArray, robot: RobotEvidence | None = None
+) -> Calibration:
+    state, present = seen.selection.state, seen.views.present
+    values, quantity_covariance = evaluate_quantities(state.intrinsics, plane, joint, seen.noise_px)
+    return Calibration(
+        camera=camera_of(state.intrinsics, seen.sensor),
+        poses=state.poses(seen.views.middles_mm),
+        pixels=tuple(q[:, p].T for q, p in zip(seen.views.pixels, present, strict=True)),
+        residuals_px=tuple(r[:, p].T for r, p in zip(seen.missed, present, strict=True)),
+        inliers=tuple(i[p] for i, p in zip(seen.selection.inliers, present, strict=True)),
+        rejected=seen.selection.rejections,
+        noise_px=seen.noise_px,
+        focus_view=seen.focus_view,
+        quantities=quantity_names(len(state.intrinsics), plane),
         quantity_covariance=quantity_covariance,
         quantity_values=values,
-        robot=RobotEvidence(
-            state.mounting,
-            noise_px**2 * shared[count:, count:],
-            robot.slips,
-            robot.believed,
-            robot.repeatability,
-            robot.redundancy,
-        ),
-    )
-    return replace(result, warnings=(*notes, *robot.notes, *diagnose(result)))
-
-
-def _observed(
-    views: Views, selection: Selection, sensor: Sensor, noise_px: float, focus_view: int | None
-) -> Calibration:
-    """Camera, poses and residuals, without their uncertainty."""
-    missed = residuals(views, selection.state)
-    return Calibration(
-        camera=camera_of(selection.state.intrinsics, sensor),
-        poses=selection.state.poses(views.middles_mm),
-        pixels=tuple(q[:, p].T for q, p in zip(views.pixels, views.present, strict=True)),
-        residuals_px=tuple(r[:, p].T for r, p in zip(missed, views.present, strict=True)),
-        inliers=tuple(i[p] for i, p in zip(selection.inliers, views.present, strict=True)),
-        rejected=selection.rejections,
-        noise_px=noise_px,
-        focus_view=focus_view,
-        quantities=(),
-        quantity_covariance=None,
+        robot=robot,
     )
 
 
-def refuse_nonsense(views: Views, inliers: BoolArray, sensor: Sensor, state: State) -> None:
+def _with_warnings(calibration: Calibration, notes: Sequence[str]) -> Calibration:
+    warnings = (*notes, *diagnose(calibration))
+    return replace(calibration, warnings=warnings) if warnings else calibration
+
+
+def refuse_nonsense(missed: FloatArray, inliers: BoolArray, sensor: Sensor) -> None:
     """Refuse views that no camera explains.
 
     Parameters
     ----------
-    views
-        All observations.
+    missed
+        (V, 2, M) what a fit left of all observations, in px.
     inliers
         (V, M) which of them were used.
     sensor
         The sensor.
-    state
-        The parameters fitted to them.
 
     Raises
     ------
     CalibrationError
         When the points miss by more than any detector does.
     """
-    squared = (residuals(views, state) ** 2).sum(axis=1)[inliers]
+    squared = (missed**2).sum(axis=1)[inliers]
     rms_px = float(np.sqrt(squared.mean() / 2))
     if not rms_px < _NONSENSE * np.hypot(sensor.width_px, sensor.height_px):
         raise CalibrationError(

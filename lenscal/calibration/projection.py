@@ -31,8 +31,9 @@ PERSPECTIVE, CENTRE_X, CENTRE_Y, SCALE_FACTOR, DECENTRING_1, DECENTRING_2, RADIA
 
 #: Newton steps that the inversion of the distortion may take; it converges quadratically.
 _NEWTON_STEPS: Final = 20
-#: Share of the size of the image that is rounding.
-_ROUNDING: Final = 1e-14
+#: Step of Newton's method, as a share of the size of the image, after which the next would be
+#: rounding: convergence is quadratic.
+_LAST_STEP: Final = 1e-8
 
 
 class Projection(NamedTuple):
@@ -257,12 +258,12 @@ def _distort(ideal: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, Boo
     radial, decentring = intrinsics[RADIAL:], intrinsics[DECENTRING_1:RADIAL]
     if not intrinsics[DECENTRING_1:].any():
         return ideal, np.ones_like(ideal[:, 0], dtype=bool)
-    tolerance = _ROUNDING * max(float(np.abs(ideal).max(initial=0.0)), 1e-3)
+    tolerance = _LAST_STEP * max(float(np.abs(ideal).max(initial=0.0)), 1e-3)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         distorted, moved = _distort_radially(ideal, radial, tolerance)
         if decentring.any():
             distorted, moved = _distort_fully(ideal, distorted, intrinsics, tolerance)
-    settled = moved <= 1e3 * tolerance
+    settled = moved <= tolerance
     if not settled.all():
         distorted = np.where(settled[:, None], distorted, 0.0)
     return distorted, settled
@@ -273,17 +274,18 @@ def _distort_radially(
 ) -> tuple[FloatArray, FloatArray]:
     """Solve r (1 + κ1 r² + …) = r_u for the share r / r_u."""
     squared_ideal = ideal[:, 0] ** 2 + ideal[:, 1] ** 2
-    share = np.ones_like(squared_ideal)
-    moved = np.zeros_like(share)
-    radius = np.sqrt(squared_ideal)
+    bend = radial[0] * squared_ideal
+    # The first terms of the inverse series; far out, where it diverges, anything in between.
+    share = np.clip(1.0 - bend + 3.0 * bend * bend, 0.5, 1.5)
+    reach = float(np.sqrt(squared_ideal.max(initial=0.0)))
     for _ in range(_NEWTON_STEPS):
         gain, slope = _gain(share * share * squared_ideal, radial)
         step = (share * gain - 1.0) / slope
-        share = share - step
-        moved = np.abs(step) * radius
-        if not moved.max(initial=0.0) > tolerance:
+        share -= step
+        np.abs(step, out=step)
+        if not step.max(initial=0.0) * reach > tolerance:
             break
-    return ideal * share[:, None], moved
+    return ideal * share[:, None], step * reach
 
 
 def _distort_fully(
@@ -310,8 +312,9 @@ def _distort_fully(
 
 def _gain(squared: FloatArray, radial: FloatArray) -> tuple[FloatArray, FloatArray]:
     """1 + κ1 r² + κ2 r⁴ + … and the derivative of r times it."""
-    gain, slope = 0.0 * squared, 0.0 * squared
-    for power in range(len(radial), 0, -1):
+    terms = squared * radial[-1]
+    gain, slope = terms, (2 * len(radial) + 1) * terms
+    for power in range(len(radial) - 1, 0, -1):
         gain = (gain + radial[power - 1]) * squared
         slope = (slope + (2 * power + 1) * radial[power - 1]) * squared
     return gain + 1.0, slope + 1.0
@@ -325,8 +328,9 @@ def _inverse_slope(
     radial = intrinsics[RADIAL:]
     p1, p2 = intrinsics[DECENTRING_1:RADIAL]
     squared = x**2 + y**2
-    gain, slope = 0.0 * squared, 0.0 * squared
-    for power in range(len(radial), 0, -1):
+    # Horner's scheme for the gain, and for twice its derivative by r².
+    gain, slope = radial[-1] * squared, np.full_like(squared, 2 * len(radial) * radial[-1])
+    for power in range(len(radial) - 1, 0, -1):
         gain = (gain + radial[power - 1]) * squared
         slope = slope * squared + 2 * power * radial[power - 1]
     gain = gain + 1.0

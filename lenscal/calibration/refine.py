@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lenscal.arrays import BoolArray, FloatArray, frozen_array
-from lenscal.calibration.bundle import fit
+from lenscal.calibration.bundle import fit, residuals
 from lenscal.calibration.calibration import Calibration, Repeatability
 from lenscal.calibration.conclusion import conclude, conclude_with_robot, refuse_nonsense
 from lenscal.calibration.initial import homographies, initial_state, state_of
@@ -145,7 +145,7 @@ def calibrate_views(
         if free_scale_factor:
             refuse_one_orientation(selection.state.rotations[selection.inliers.any(axis=1)])
         return _seen(conclude(views, selection, sensor, free, focus_view))
-    refuse_nonsense(views, selection.inliers, sensor, selection.state)
+    refuse_nonsense(residuals(views, selection.state), selection.inliers, sensor)
     robot = fit_with_robot(
         views, selection, free, hand_poses, repeatability=repeatability, prior=mounting_prior
     )

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from lenscal.arrays import BoolArray, FloatArray
-from lenscal.calibration.bundle import fit, residuals
+from lenscal.calibration.bundle import Fit, fit
 from lenscal.calibration.swapped import NOT_EXCHANGED, exchanged_with, numbering_in_list
 from lenscal.calibration.views import State, Views
 
@@ -104,7 +104,8 @@ def fit_robustly(views: Views, start: State, free: BoolArray) -> Selection:
     Selection
         Parameters, and what was believed.
     """
-    state, lengths = _robust_state(views, start, free)
+    result = _robust_fit(views, start, free)
+    lengths = _lengths(result.residuals_px)
     usable = np.ones(len(views.present), dtype=bool)
     inliers, reasons = views.present, dict[int, str]()
     noise = _robust_noise(lengths, inliers, free)
@@ -116,28 +117,33 @@ def fit_robustly(views: Views, start: State, free: BoolArray) -> Selection:
         updated &= usable[:, None]
         unchanged = bool((updated == inliers).all())
         inliers = updated
-        state, missed, _, settled = fit(views, state, free, inliers.astype(float))
-        lengths = _lengths(missed)
+        result = fit(views, result, free, inliers.astype(float))
+        lengths = _lengths(result.residuals_px)
         if unchanged:
             break
         noise = _noise(lengths, inliers, free)
     limits = _limits(noise, inliers, free)
-    return Selection(state, inliers, _report(views, missed, limits, inliers, reasons), settled)
+    rejections = _report(views, result.residuals_px, limits, inliers, reasons)
+    return Selection(result.state, inliers, rejections, result.settled)
 
 
-def _robust_state(views: Views, start: State, free: BoolArray) -> tuple[State, FloatArray]:
+def _robust_fit(views: Views, start: State, free: BoolArray) -> Fit:
     """Iteratively reweighted least squares with Cauchy's weight, whose scale follows the fit."""
-    state, lengths, last = start, _lengths(residuals(views, start)), np.inf
+    result = fit(views, start, free, views.present.astype(float), steps=0)
+    last = np.inf
     for _ in range(_ROBUST_ROUNDS):
+        lengths = _lengths(result.residuals_px)
         noise = max(_robust_noise(lengths, views.present, free), np.finfo(float).tiny)
-        if abs(noise - last) < _STEADY * noise:
+        limits = _limits(noise, views.present, free)
+        # Where no corner stands out, least squares needs no leading.
+        led = np.isfinite(last) and bool((lengths <= limits)[views.present].all())
+        if led or abs(noise - last) < _STEADY * noise:
             break
         last = noise
         with np.errstate(over="ignore"):
             weights = np.where(views.present, 1 / (1 + (lengths / (_CAUCHY * noise)) ** 2), 0.0)
-        state, missed, _, _ = fit(views, state, free, weights, steps=_STEPS_A_ROUND)
-        lengths = _lengths(missed)
-    return state, lengths
+        result = fit(views, result, free, weights, steps=_STEPS_A_ROUND)
+    return result
 
 
 def _robust_noise(lengths: FloatArray, used: BoolArray, free: BoolArray) -> float:
@@ -173,22 +179,17 @@ def _bad_views(
 ) -> dict[int, str]:
     """Name the views to be dropped, and why."""
     kept, had = inliers.sum(axis=1), present.sum(axis=1)
-    typical = np.array(
-        [
-            np.median(row[seen]) if seen.any() else np.inf
-            for row, seen in zip(lengths, present, strict=True)
-        ]
-    )
-    bad: dict[int, str] = {}
-    for view in np.flatnonzero(usable):
+    typical = _medians(lengths, present)
+    few = kept < np.maximum(_LEAST_CORNERS, _LEAST_SHARE * had)
+    bad: dict[int, str] = {
+        int(view): f"only {kept[view]} of its {had[view]} corners agree with the other views"
+        for view in np.flatnonzero(usable & few)
+    }
+    # A view that is not worse than the middling one is not worse than the others.
+    worse = typical > max(float(np.median(typical[usable])), _ROUNDING_PX)
+    for view in np.flatnonzero(usable & ~few & worse):
         others = typical[usable & (np.arange(len(usable)) != view)]
-        if kept[view] < max(_LEAST_CORNERS, _LEAST_SHARE * had[view]):
-            bad[int(view)] = (
-                f"only {kept[view]} of its {had[view]} corners agree with the other views"
-            )
-        elif len(others) > 1 and typical[view] > _VIEW_FACTOR * max(
-            np.median(others), _ROUNDING_PX
-        ):
+        if len(others) > 1 and typical[view] > _VIEW_FACTOR * max(np.median(others), _ROUNDING_PX):
             bad[int(view)] = (
                 f"its typical residual of {typical[view]:.2f} px is "
                 f"{typical[view] / np.median(others):.1f} times that of the other views"
@@ -196,6 +197,15 @@ def _bad_views(
     # One at a time: a bad view makes its neighbours look bad.
     worst = max(bad, key=lambda view: typical[view], default=None)
     return {} if worst is None else {worst: bad[worst]}
+
+
+def _medians(values: FloatArray, counted: BoolArray) -> FloatArray:
+    """(V,) of the counted values of each row; infinite where there are none."""
+    ordered = np.sort(np.where(counted, values, np.inf), axis=1)
+    count = counted.sum(axis=1)
+    rows = np.arange(len(ordered))
+    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, ordered.shape[1] - 1)
+    return np.asarray((ordered[rows, low] + ordered[rows, high]) / 2)
 
 
 def _lengths(missed: FloatArray) -> FloatArray:

@@ -42,6 +42,9 @@ _STEADY: Final = 0.01
 #: tell a turn of the hand from a shift so badly that one of the two could come out as nothing.
 _TYPICAL: Final = np.array([1e-4, 0.02])
 _TYPICAL_COUNT: Final = 1.0
+#: Fewest poses that mount a camera, and the share of them that has to agree.
+_LEAST_POSES: Final = 3
+_LEAST_BELIEVED: Final = 0.7
 #: How often a faultless session may lose a good pose.
 _FALSE_ALARMS: Final = 1e-4
 #: Repeatability in rad, or as a share of the distance, from which it is none.
@@ -319,7 +322,7 @@ def _steady(before: tuple[float, ...], after: tuple[float, ...]) -> bool:
 
 
 def _refuse_few(believed: BoolArray, told: BoolArray) -> None:
-    if believed.sum() < max(3, told.sum() / 2):
+    if believed.sum() < max(_LEAST_POSES, _LEAST_BELIEVED * told.sum()):
         raise DegenerateGeometryError(
             f"only {int(believed.sum())} of the {int(told.sum())} poses that the robot reported "
             "agree with one another and with the pictures; check that each pose belongs to its "
