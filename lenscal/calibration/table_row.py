@@ -34,6 +34,7 @@ def row_of(head: Head, record: SettingRecord, calibration: Calibration) -> Row:
         "zoom": record.setting.zoom,
         "focus": record.setting.focus,
         "iris": np.nan if record.setting.iris is None else record.setting.iris,
+        "temperature_c": np.nan if record.temperature_c is None else record.temperature_c,
         "principal_point_x_px": float(calibration.camera.centre_px[0]),
         "principal_point_y_px": float(calibration.camera.centre_px[1]),
         "rms_px": calibration.rms_px,

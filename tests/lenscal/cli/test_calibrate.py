@@ -1,4 +1,6 @@
 import json
+import os
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -9,7 +11,7 @@ from lenscal.calibration.table import CalibrationTable
 from lenscal.camera import Camera
 from lenscal.cli.calibrate import calibrate
 from lenscal.document import read_document
-from lenscal.errors import DetectionError, FileError, InputError
+from lenscal.errors import CalibrationError, DetectionError, FileError, InputError, UnitError
 from lenscal.pose import Pose
 from lenscal.recording import Head, Observation, Recording, SettingRecord, View
 from lenscal.sensor import Sensor
@@ -53,19 +55,50 @@ def test_photographs_as_words(photographs, tmp_path):
     assert document["focal_length_px"] == pytest.approx(533.3, abs=0.2)
 
 
+SENSOR, BOARD = Sensor(1224, 1024, 0.0069, 0.0069), Chessboard(12, 9, 3.0)
+TILTS = ((0, 0), (22, 0), (-22, 0), (0, 22), (0, -22))
+#: Where the camera sits on the hand of a robot, and the target in its base.
+MOUNTING = (
+    Pose.from_rotation_vector((0.02, -0.01, 0.5), (10.0, 20.0, 80.0)),
+    Pose.from_rotation_vector((1.0, 0.2, -0.1), (400.0, 50.0, 20.0)),
+)
+
+
+def _views(rng, mounting=None):
+    """Seen at 420 mm with 0.1 px of noise; by a robot that stands where it says, if any."""
+    camera = Camera(SENSOR, 60.0)
+    views = []
+    for tilt in TILTS:
+        pose = Pose.from_rotation_vector(np.radians([*tilt, 5.0]), (0.0, 0.0, 420.0))
+        pixels = camera.project(pose.transform(BOARD.points_mm))
+        observation = Observation.of(
+            BOARD, BOARD.ids(), pixels + rng.normal(0.0, 0.1, pixels.shape)
+        )
+        hand = None
+        if mounting is not None:
+            hand_from_camera, base_from_target = mounting
+            hand = base_from_target @ pose.inverse() @ hand_from_camera.inverse()
+        views.append(View(observation, hand, iris=3.0))
+    return tuple(views)
+
+
 @pytest.fixture
 def session(tmp_path):
-    sensor, board = Sensor(1224, 1024, 0.0069, 0.0069), Chessboard(12, 9, 3.0)
-    camera, rng = Camera(sensor, 60.0), np.random.default_rng(0)
-    views = []
-    for tilt in ((0, 0), (22, 0), (-22, 0), (0, 22)):
-        pose = Pose.from_rotation_vector(np.radians([*tilt, 0]), (0.0, 0.0, 420.0))
-        pixels = camera.project(pose.transform(board.points_mm))
-        pixels = pixels + rng.normal(0.0, 0.1, pixels.shape)
-        views.append(View(Observation.of(board, board.ids(), pixels)))
-    good = SettingRecord(LensSetting(10.0, 1.0), tuple(views))
-    lost = SettingRecord(LensSetting(20.0, 1.0), tuple(views), focus_view=None)
-    return Recording(Head(sensor, board), (good, lost)).save(tmp_path / "session")
+    views = _views(np.random.default_rng(0))
+    good = SettingRecord(LensSetting(10.0, 1.0), views)
+    lost = SettingRecord(LensSetting(20.0, 1.0), views, focus_view=None)
+    return Recording(Head(SENSOR, BOARD), (good, lost)).save(tmp_path / "session")
+
+
+@pytest.fixture
+def robot_session(tmp_path):
+    """Three settings of the same lens."""
+    rng = np.random.default_rng(0)
+    records = tuple(
+        SettingRecord(LensSetting(10.0, focus), _views(rng, MOUNTING)) for focus in (1.0, 2.0, 3.0)
+    )
+    head = Head(SENSOR, BOARD, LensSetting(10.0, 1.0), *MOUNTING)
+    return Recording(head, records).save(tmp_path / "robot-session")
 
 
 def test_a_session_becomes_a_table(session):
@@ -80,8 +113,176 @@ def test_a_session_as_json(session, tmp_path):
     result = _run(session, "-o", tmp_path / "elsewhere.csv", "--json")
     answer = json.loads(result.stdout)
     assert answer["settings"] == 1
+    assert answer["robot_repeatability_mm"] is None
+    assert answer["robot_repeatability_mrad"] is None
     assert answer["failures"][0]["zoom"] == 20.0
     assert (tmp_path / "elsewhere.json").exists()
+
+
+def test_figures_of_photographs(photographs, tmp_path):
+    request = ("--images", photographs, "--target", "chessboard:9x6:25mm")
+    folder = tmp_path / "figures"
+    result = _run(*request, "--plots", folder)
+    names = ["summary.png", "views-1.png", "views-2.png"]
+    assert result.stdout.endswith(f"figures written to {folder}: {', '.join(names)}\n")
+    assert sorted(path.name for path in folder.iterdir()) == names
+    answer = json.loads(_run(*request, "--plots", folder, "--json").stdout)
+    assert answer["figures"] == [str(folder / name) for name in names]
+
+
+def test_figure_of_a_session(session, tmp_path):
+    result = _run(session, "--plots", tmp_path / "figures")
+    assert f"figures written to {tmp_path / 'figures'}: table.png" in result.stdout
+    assert cv2.imread(str(tmp_path / "figures" / "table.png")).shape[1] == 2250
+    answer = json.loads(_run(session, "--plots", tmp_path / "more", "--json").stdout)
+    assert answer["figures"] == [str(tmp_path / "more" / "table.png")]
+
+
+def _cells(result):
+    """The printed table, by heading; σ are called by what they stand behind."""
+    headings = "zoom focus d/D ±% D ±D d f offset ±offset standoff ±standoff rms corners".split()
+    lines = [line.split() for line in result.stdout.splitlines()[1:]]
+    return [dict(zip(headings, line, strict=True)) for line in lines if len(line) == 14]
+
+
+def test_the_printed_table_is_that_of_the_file(robot_session):
+    result = _run(robot_session)
+    rows = CalibrationTable.load(robot_session / "table.csv").rows
+    printed = _cells(result)
+    assert len(printed) == 3
+    for cells, (_, row) in zip(printed, rows.iterrows(), strict=True):
+        assert float(cells["D"]) == pytest.approx(row["object_distance_mm"], abs=0.006)
+        assert float(cells["offset"]) == pytest.approx(row["nodal_offset_mm"], abs=0.006)
+        assert float(cells["±offset"]) == pytest.approx(row["sigma_nodal_offset_mm"], abs=0.006)
+        assert float(cells["standoff"]) == pytest.approx(row["standoff_mm"], abs=6e-4)
+        assert cells["±standoff"] == "–"  # no autofocus said how sharp it was
+        assert int(cells["corners"]) == row["corners"] == 5 * 108
+    assert max(len(line) for line in result.stdout.splitlines()[:4]) <= 110
+
+
+def test_without_a_robot_its_columns_are_empty(session):
+    result = _run(session)
+    (cells,) = _cells(result)
+    assert {cells[name] for name in ("offset", "±offset", "standoff", "±standoff")} == {"–"}
+    assert "robot:" not in result.stdout
+
+
+def test_the_repeatability_of_the_robot_is_told(robot_session):
+    answer = json.loads(_run(robot_session, "--json").stdout)
+    translation_mm = answer["robot_repeatability_mm"]
+    rotation_mrad = answer["robot_repeatability_mrad"]
+    # It stands where it says but for the pixels' noise, 0.1 px × 7 µm ≪ what robots do.
+    assert 0 < translation_mm < 0.05
+    assert 0 < rotation_mrad < 0.3
+    line = f"robot: {translation_mm:.3f} mm, {rotation_mrad:.2f} mrad (estimated)"
+    assert line in _run(robot_session).stdout.splitlines()
+
+
+def test_a_repeatability_that_is_given_is_used(robot_session):
+    given = ("--robot-repeatability", "50 um, 0.4mrad")
+    assert "robot: 0.050 mm, 0.40 mrad (as given)" in _run(robot_session, *given).stdout
+    answer = json.loads(_run(robot_session, *given, "--json").stdout)
+    assert answer["robot_repeatability_mm"] == pytest.approx(0.05)
+    assert answer["robot_repeatability_mrad"] == pytest.approx(0.4)
+    urad = _run(robot_session, "--robot-repeatability", "0.05mm,400µrad").stdout
+    assert "robot: 0.050 mm, 0.40 mrad (as given)" in urad
+
+
+def test_a_robot_can_be_left_aside(robot_session):
+    result = _run(robot_session, "--no-robot")
+    table = CalibrationTable.load(robot_session / "table.csv")
+    assert [entry["robot"] for entry in table.evidence] == [None] * 3
+    assert "robot:" not in result.stdout
+
+
+def test_the_scale_factor_is_estimated_when_asked_for(robot_session):
+    assert "scale factor" not in _run(robot_session).stdout
+    result = _run(robot_session, "--free-scale-factor")
+    rows = CalibrationTable.load(robot_session / "table.csv").rows
+    assert (np.abs(rows["scale_factor"] - 1) < 5 * rows["sigma_scale_factor"]).all()
+    values, sigma = rows["scale_factor"], rows["sigma_scale_factor"].median()
+    line = f"scale factor: {values.min():.5f} to {values.max():.5f}, each ± {sigma:.5f} or so"
+    assert line in result.stdout.splitlines()
+
+
+def test_figures_of_a_session_with_a_robot_hold_its_slips(robot_session, tmp_path):
+    result = _run(robot_session, "--plots", tmp_path / "figures")
+    assert result.stdout.endswith("figures: table.png, robot-slips.png\n")
+    assert (tmp_path / "figures" / "robot-slips.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("settings", "options", "workers"),
+    [
+        (47, (), None),
+        (48, (), os.cpu_count()),
+        (48, ("--workers", 1), 1),
+        (47, ("--workers", 3), 3),
+    ],
+)
+def test_large_sessions_are_shared_by_all_cores(tmp_path, monkeypatch, settings, options, workers):
+    record = SettingRecord(LensSetting(10.0, 1.0), _views(np.random.default_rng(0)))
+    records = [replace(record, setting=LensSetting(10.0, float(i))) for i in range(settings)]
+    folder = Recording(Head(SENSOR, BOARD), tuple(records)).save(tmp_path / "large")
+    asked = {}
+
+    def calibrate_recording(recording, **keywords):
+        asked.update(keywords)
+        raise CalibrationError("enough is known")
+
+    monkeypatch.setattr("lenscal.calibration.sweep.calibrate_recording", calibrate_recording)
+    with pytest.raises(CalibrationError, match="enough is known"):
+        _run(folder, *options)
+    assert asked["workers"] == workers
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "words"),
+    [
+        ("0.02,0.1", UnitError, "the length '0.02' has no unit; write one of"),
+        ("0.02mm,0.1", UnitError, "cannot read '0.1' as an angle; write a number and one of urad"),
+        ("0.02mm,0.1mm", UnitError, "cannot read '0.1mm' as an angle"),
+        ("0.02mrad,0.1mrad", UnitError, "unknown unit of length 'mrad'"),
+        (
+            "0.02mm",
+            InputError,
+            "cannot read the repeatability '0.02mm'; give a length and an angle",
+        ),
+        ("1mm,2mrad,3mrad", InputError, "such as 0.02mm,0.1mrad"),
+        ("0mm,0.1mrad", InputError, "the translation of --robot-repeatability must be a positive"),
+        ("0.02mm,-1mrad", InputError, "the rotation of --robot-repeatability must be a positive"),
+    ],
+)
+def test_a_repeatability_needs_both_units(robot_session, text, error, words):
+    with pytest.raises(error, match=words):
+        _run(robot_session, "--robot-repeatability", text)
+    assert not (robot_session / "table.csv").exists()
+
+
+def test_a_repeatability_without_a_robot_is_refused(session, robot_session):
+    with pytest.raises(InputError, match="the session holds no poses of a robot; leave --robot-r"):
+        _run(session, "--robot-repeatability", "0.02mm,0.1mrad")
+    with pytest.raises(InputError, match="--no-robot leaves aside the robot that --robot-repeat"):
+        _run(robot_session, "--no-robot", "--robot-repeatability", "0.02mm,0.1mrad")
+
+
+@pytest.mark.parametrize(
+    "option",
+    [("--no-robot",), ("--free-scale-factor",), ("--robot-repeatability", "0.02mm,0.1mrad")],
+)
+def test_options_of_sessions_are_refused_for_photographs(option):
+    with pytest.raises(InputError, match="are for a session; leave them for photographs"):
+        _run("--images", "*.png", "--target", "chessboard:9x6:25mm", *option)
+
+
+def test_a_place_that_cannot_hold_figures_is_refused_before_the_work(session, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    with pytest.raises(FileError, match="figures are written to a folder, but .* is a file"):
+        _run(session, "--plots", file)
+    with pytest.raises(FileError, match="cannot make the folder .*: Not a directory"):
+        _run(session, "--plots", file / "below")
+    assert not (session / "table.csv").exists()
 
 
 @pytest.mark.parametrize(
