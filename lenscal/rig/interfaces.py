@@ -77,6 +77,11 @@ class Lens(Device):
     """A motorised lens."""
 
     @property
+    def temperature_c(self) -> float | None:
+        """Temperature of the lens in °C at this moment; None when it has no sensor."""
+        return None
+
+    @property
     @abstractmethod
     def travel(self) -> LensTravel:
         """How far the motors go."""
@@ -113,6 +118,11 @@ class Lens(Device):
 
 class CameraDevice(Device):
     """A camera that gives single frames."""
+
+    @property
+    def temperature_c(self) -> float | None:
+        """Temperature of the camera in °C at this moment; None when it has no sensor."""
+        return None
 
     @property
     @abstractmethod
@@ -232,6 +242,12 @@ class Rig:
             "positioner": self.positioner,
         }
         return {**{role: device.identity for role, device in devices.items()}, **self.identity}
+
+    @property
+    def temperature_c(self) -> float | None:
+        """Temperature of the lens in °C, or of the camera where the lens does not tell, or None."""
+        own = self.lens.temperature_c
+        return self.camera.temperature_c if own is None else own
 
     def close(self) -> None:
         """Let go of all devices."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from lenscal.handwritten import Handwritten, LengthMm, PositiveLengthMm, load_toml
 from lenscal.pose import Pose
@@ -77,11 +78,30 @@ class AutofocusPlan(Handwritten):
         return (1 / self.nearest - 1 / self.farthest) / vergence_step
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewPlacement:
+    """Where the camera stands for one view, relative to the sharpest standoff.
+
+    Parameters
+    ----------
+    displacement_mm
+        How much farther from the target, along the optical axis.
+    turn
+        Rotation of the target frame as the camera sees it, about the point that it looks at.
+    """
+
+    displacement_mm: float
+    turn: Pose
+
+
 class ViewsPlan(Handwritten):
     """The pictures that each setting is calibrated from.
 
     Parameters
     ----------
+    displacements
+        Untilted views with the camera moved by so much along its axis from the sharpest standoff,
+        each with unit; positive is farther from the target.
     tilted
         How many tilted views, besides the untilted focus view.
     tilt_deg
@@ -92,10 +112,38 @@ class ViewsPlan(Handwritten):
         Iris to take them at: stopped down, for depth of field.
     """
 
+    displacements: tuple[LengthMm, ...] = ()
     tilted: Annotated[int, Field(ge=2)] = 5
     tilt_deg: Annotated[float, Field(gt=0, le=_STEEPEST_TILT_DEG)] = 25.0
     first_azimuth_deg: float = 20.0
     iris: float
+
+    @field_validator("displacements")
+    @classmethod
+    def _move_the_camera(cls, displacements: tuple[float, ...]) -> tuple[float, ...]:
+        listed = ", ".join(f"{d:g} mm" for d in displacements)
+        if 0 in displacements:
+            raise ValueError(
+                f"a displacement of zero repeats the focus view, which is taken anyway: {listed}"
+            )
+        if len(set(displacements)) < len(displacements):
+            raise ValueError(f"a displacement stands twice: {listed}")
+        return displacements
+
+    def placements(self) -> list[ViewPlacement]:
+        """List where the camera stands for each view, in the order of taking.
+
+        Returns
+        -------
+        list of ViewPlacement
+            The focus view, the displaced views as listed, the tilted views.
+        """
+        focus, *tilted = self.tilts()
+        return [
+            ViewPlacement(0.0, focus),
+            *(ViewPlacement(displacement, focus) for displacement in self.displacements),
+            *(ViewPlacement(0.0, turn) for turn in tilted),
+        ]
 
     def tilts(self) -> list[Pose]:
         """List the turns of the camera about the point that it looks at.
@@ -145,6 +193,19 @@ class SessionPlan(Handwritten):
             if len(set(values)) < len(values):
                 listed = ", ".join(f"{v:g}" for v in values)
                 raise ValueError(f"{name} names a setting twice: {listed}")
+        return self
+
+    @model_validator(mode="after")
+    def _before_the_target(self) -> SessionPlan:
+        # The sharpest standoff may be the nearest one.
+        nearest = self.autofocus.nearest
+        for displacement in self.views.displacements:
+            if displacement <= -nearest:
+                raise ValueError(
+                    f"a displacement of {displacement:g} mm from the nearest standoff of the "
+                    f"search, {nearest:g} mm, brings the camera to the target or behind it; "
+                    "displace it by less"
+                )
         return self
 
     def settings(self) -> list[LensSetting]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -12,13 +14,20 @@ import cv2
 
 from lenscal.detection import detect
 from lenscal.document import Json, reason
-from lenscal.errors import DetectionError, FileError, FocusError, SessionError
+from lenscal.errors import (
+    DetectionError,
+    FileError,
+    FocusError,
+    InputError,
+    OutOfRangeError,
+    SessionError,
+)
 from lenscal.journal import JournalWriter
-from lenscal.plate import Plate
 from lenscal.pose import Pose
 from lenscal.progress import Progress
 from lenscal.recording import (
     JOURNAL,
+    FocusResult,
     Head,
     Observation,
     Recording,
@@ -32,8 +41,10 @@ from lenscal.session.aim import hand_pose
 from lenscal.session.autofocus import autofocus
 from lenscal.session.exposure import expose
 from lenscal.session.plan import SessionPlan
+from lenscal.session.plate_parts import board_to_look_at, detect_boards, offers_choice
+from lenscal.session.plate_parts import points_of_interest as points_of_interest
+from lenscal.session.survey import survey_disks
 from lenscal.setting import LensSetting
-from lenscal.target import Disk, Target
 
 _FRAMES: Final = "frames"
 
@@ -49,7 +60,8 @@ def run_session(
     """Visit every setting of a plan.
 
     A setting that cannot be focused or seen is recorded with the reason and passed over; what was
-    recorded before stays.
+    recorded before stays. On a plate with several disks or boards each setting is given those that
+    suit its magnification; which, is in its record.
 
     Parameters
     ----------
@@ -80,7 +92,7 @@ def run_session(
     for setting in settings:
         for iris in (plan.autofocus.iris, plan.views.iris):
             rig.lens.travel.check(setting.with_iris(iris))
-    focus_point_mm, view_point_mm = points_of_interest(rig.target)
+    points_of_interest(rig.target)  # refuses a target without a disk or a board
     path = _fresh_folder(Path(folder))
     head = Head(
         sensor=rig.camera.sensor,
@@ -100,7 +112,7 @@ def run_session(
         journal.append(head_to_json(head))
         for number, setting in enumerate(settings):
             frames = path / _FRAMES / f"{number:04d}" if plan.keep_frames else None
-            record = _visit(plan, rig, setting, (focus_point_mm, view_point_mm), frames)
+            record = _visit(plan, rig, setting, frames)
             journal.append(setting_to_json(record))
             records.append(record)
             if progress is not None:
@@ -108,87 +120,90 @@ def run_session(
     return Recording(head, tuple(records), path)
 
 
-def points_of_interest(target: Target) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Tell where on a target to focus and where to look for calibration.
+@dataclass(frozen=True, slots=True)
+class _Sight:
+    """What the views look at; parts and magnification are None where the plate has no choice."""
 
-    Parameters
-    ----------
-    target
-        A plate with a disk on it.
-
-    Returns
-    -------
-    focus_point_mm, view_point_mm : tuple of float
-        Middle of the disk, and middle of the largest other part, in the target frame.
-
-    Raises
-    ------
-    SessionError
-        When the target has no disk or nothing else.
-    """
-    parts = target.parts if isinstance(target, Plate) else ((target, (0.0, 0.0)),)
-    disks = [centre for part, centre in parts if isinstance(part, Disk)]
-    boards = [(part.size_mm, centre) for part, centre in parts if not isinstance(part, Disk)]
-    if not disks or not boards:
-        raise SessionError(
-            f"a session needs a plate with a disk to focus on and a board to calibrate from, but "
-            f"the target is {target.spec}; combine them, such as "
-            "charuco:17x13:3mm:2.25mm@0,0+disk:6mm@0,27"
-        )
-    return disks[0], max(boards)[1]
+    point_mm: tuple[float, float]
+    focus_part: int | None = None
+    view_part: int | None = None
+    magnification: float | None = None
 
 
-def _visit(
-    plan: SessionPlan,
-    rig: Rig,
-    setting: LensSetting,
-    points_mm: tuple[tuple[float, float], tuple[float, float]],
-    frames: Path | None,
-) -> SettingRecord:
+def _visit(plan: SessionPlan, rig: Rig, setting: LensSetting, frames: Path | None) -> SettingRecord:
     """Focus at one setting and take its views; trouble becomes a note."""
-    focus_point_mm, view_point_mm = points_mm
     reached = rig.lens.move_to(setting.with_iris(plan.autofocus.iris), plan.approach)
     try:
-        focus = autofocus(
-            rig,
-            plan.autofocus.standoffs_mm(),
-            point_mm=focus_point_mm,
-            measure=plan.autofocus.measure,
-            extensions=plan.autofocus.extensions,
-            repeatability_mm=plan.autofocus.repeatability,
-            approach=plan.approach,
-        )
+        focus, sight = _focus(plan, rig, setting)
         reached = rig.lens.move_to(setting.with_iris(plan.views.iris), plan.approach)
-        rig.positioner.move_to(hand_pose(rig, focus.distance_mm, view_point_mm))
+        rig.positioner.move_to(hand_pose(rig, focus.distance_mm, sight.point_mm))
         expose(rig.camera)
-    except FocusError as error:
+    except (FocusError, OutOfRangeError) as error:
         return SettingRecord(
-            reached, (), focus_view=None, approach=plan.approach, notes=(f"not focused: {error}",)
+            reached,
+            (),
+            focus_view=None,
+            approach=plan.approach,
+            notes=(f"not focused: {error}",),
+            temperature_c=rig.temperature_c,
         )
     views, notes = [], []
     focus_view = None
-    for number, turn in enumerate(plan.views.tilts()):
-        pose = hand_pose(rig, focus.distance_mm, view_point_mm, turn)
+    for number, placement in enumerate(plan.views.placements()):
+        standoff_mm = focus.distance_mm + placement.displacement_mm
         try:
-            view = _take(rig, pose, frames and frames / f"{number:02d}.png")
-        except DetectionError as error:
+            pose = hand_pose(rig, standoff_mm, sight.point_mm, placement.turn)
+            view = _take(rig, pose, sight, frames and frames / f"{number:02d}.png")
+        except (DetectionError, InputError) as error:  # not found, or out of reach
             notes.append(f"view {number} left out: {error}")
             continue
         if number == 0:
             focus_view = 0
         views.append(view)
     return SettingRecord(
-        reached, tuple(views), focus_view, focus, approach=plan.approach, notes=tuple(notes)
+        reached,
+        tuple(views),
+        focus_view,
+        focus,
+        approach=plan.approach,
+        notes=tuple(notes),
+        temperature_c=rig.temperature_c,
+        focus_part=sight.focus_part,
+        view_part=sight.view_part,
     )
 
 
-def _take(rig: Rig, pose: Pose, file: Path | None) -> View:
+def _focus(plan: SessionPlan, rig: Rig, setting: LensSetting) -> tuple[FocusResult, _Sight]:
+    """Find the sharpest standoff; on a plate with a choice, with the parts that suit it."""
+    search = partial(
+        autofocus,
+        rig,
+        measure=plan.autofocus.measure,
+        extensions=plan.autofocus.extensions,
+        repeatability_mm=plan.autofocus.repeatability,
+        approach=plan.approach,
+    )
+    if not offers_choice(rig.target):
+        focus_point_mm, view_point_mm = points_of_interest(rig.target)
+        return search(plan.autofocus.standoffs_mm(), point_mm=focus_point_mm), _Sight(view_point_mm)
+    survey = survey_disks(rig, plan, setting)
+    focus = search(survey.standoffs_mm, point_mm=survey.disk.centre_mm)
+    magnification = survey.magnification(focus.distance_mm)
+    board = board_to_look_at(rig.target, rig.camera.sensor, magnification)
+    return focus, _Sight(board.centre_mm, survey.disk.number, board.number, magnification)
+
+
+def _take(rig: Rig, pose: Pose, sight: _Sight, file: Path | None) -> View:
     """Take one view: move, grab, keep, detect."""
     base_from_hand = rig.positioner.move_to(pose)
     frame = rig.camera.grab()
     if file is not None:
         _keep(frame, file)
-    observation: Observation = detect(frame.as_8_bit(), rig.target)
+    image = frame.as_8_bit()
+    if sight.magnification is None:
+        observation: Observation = detect(image, rig.target)
+    else:
+        observation = detect_boards(image, rig.target, rig.camera.sensor, sight.magnification)
     name = None if file is None else "/".join(file.parts[-3:])
     return View(observation, base_from_hand, rig.lens.setting.iris, name)
 

@@ -16,6 +16,10 @@ from lenscal.sensor import Sensor, Window
 
 #: Time to read a frame out.
 _READOUT_S: Final = 0.02
+#: The chip starts at room temperature and warms up by so much, this fast. Assumed.
+_ROOM_C: Final = 22.0
+_WARMING_C: Final = 18.0
+_WARMING_TIME_S: Final = 1500.0
 
 
 class SimulatedCamera(CameraDevice):
@@ -59,6 +63,12 @@ class SimulatedCamera(CameraDevice):
     def sensor(self) -> Sensor:
         """The sensor and its frame buffer."""
         return self._world.lens.sensor
+
+    @property
+    def temperature_c(self) -> float:
+        """Temperature of the chip in °C, as it warms up; it changes nothing in the pictures."""
+        warmth = -np.expm1(-self._world.clock_s / _WARMING_TIME_S)
+        return float(_ROOM_C + _WARMING_C * warmth)
 
     @property
     def exposure_s(self) -> float:
