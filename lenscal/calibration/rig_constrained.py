@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from lenscal.arrays import BoolArray, FloatArray
-from lenscal.calibration.bundle import Covariance, covariance, fit
+from lenscal.calibration.bundle import Covariance, covariance, fit, residuals
 from lenscal.calibration.calibration import Repeatability
 from lenscal.calibration.hand_eye_equation import (
     base_from_target,
@@ -47,6 +47,10 @@ _LEAST_POSES: Final = 3
 _LEAST_BELIEVED: Final = 0.7
 #: How often a faultless session may lose a good pose.
 _FALSE_ALARMS: Final = 1e-4
+#: How many times the noise of the corners may grow when the robot is believed.
+_GROWTH: Final = 1.5
+#: Residuals that are rounding, in px.
+_ROUNDING_PX: Final = 1e-6
 #: Repeatability in rad, or as a share of the distance, from which it is none.
 _NONSENSE: Final = 0.02
 #: Share of a slip that a fit leaves free at least, in the eyes of the test for plausibility.
@@ -133,7 +137,7 @@ def fit_with_robot(
     start = _start(views, selection, hands, told)
     all_free = np.concatenate([free, np.ones(COUNT, dtype=bool)])
     weights = selection.inliers.astype(float)
-    noise_px = _first_noise(selection, views, start, free)
+    first_px = noise_px = _first_noise(selection, views, free)
     untied = Slips.of(hands, views.middles_mm, noise_px, (1.0, 1.0), told, prior)
     free_poses = replace(selection.state, mounting=start.mounting)
     sigma = repeatability or _typical(untied.measure(free_poses)[told])
@@ -160,8 +164,8 @@ def fit_with_robot(
         if steady:
             break
         noise_px, sigma, believed = updated_px, updated, keep
-        _refuse_nonsense(sigma, state)
         _refuse_few(believed, told)
+    _refuse_nonsense(sigma, state, noise_px / max(first_px, _ROUNDING_PX))
     measured = np.where(told[:, None], measured, np.nan)
     return RobotFit(
         state,
@@ -222,12 +226,11 @@ def _start(
     return replace(state, rotations=rotations, placements=placements)
 
 
-def _first_noise(selection: Selection, views: Views, state: State, free: BoolArray) -> float:
+def _first_noise(selection: Selection, views: Views, free: BoolArray) -> float:
     """σ of a pixel in the fit without the robot."""
-    result = fit(views, state, np.zeros_like(free), selection.inliers.astype(float), steps=1)
-    count = 2 * int(selection.inliers.sum())
+    squares = (residuals(views, selection.state) ** 2).sum(axis=1)[selection.inliers].sum()
     fitted = int(free.sum()) + 6 * int(selection.inliers.any(axis=1).sum())
-    return float(np.sqrt(result.cost / max(count - fitted, 1)))
+    return float(np.sqrt(squares / max(2 * int(selection.inliers.sum()) - fitted, 1)))
 
 
 def _typical(slips: FloatArray) -> Repeatability:
@@ -305,14 +308,16 @@ def _plausible(
     return np.asarray((squared <= limit).all(axis=1))
 
 
-def _refuse_nonsense(sigma: Repeatability, state: State) -> None:
+def _refuse_nonsense(sigma: Repeatability, state: State, growth: float) -> None:
     """Refuse poses that no robot could have reported of these pictures."""
     distance = float(np.median(1.0 / (state.intrinsics[PERSPECTIVE] * state.placements[:, 2])))
-    if sigma.rotation_rad > _NONSENSE or sigma.translation_mm > _NONSENSE * abs(distance):
+    wild = sigma.rotation_rad > _NONSENSE or sigma.translation_mm > _NONSENSE * abs(distance)
+    if wild or growth > _GROWTH:
         raise DegenerateGeometryError(
             "the poses that the robot reported do not go with the pictures: it would stand "
             f"{sigma.translation_mm:.3g} mm and {np.degrees(sigma.rotation_rad):.2g}° from where "
-            "it said; check that each pose belongs to its picture, that it is base_from_hand and "
+            f"it said, and corners would miss by {growth:.2g} times as much as without it; "
+            "check that each pose belongs to its picture, that it is base_from_hand and "
             "not its inverse, that the target stood still, and that lengths are in mm"
         )
 
