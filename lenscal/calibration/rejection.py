@@ -1,8 +1,8 @@
 """Which corners and views to believe: a robust fit first, then least squares on what agrees.
 
-Corners are judged by the length of their residual, which for Gaussian noise of σ per coordinate
-exceeds kσ with probability exp(−k²/2). The limit k is set so that a clean set of its size loses a
-corner once in twenty calibrations.
+Corners are judged by the length of their residual, which for Gaussian noise of σ per coordinate,
+σ known from ν degrees of freedom, exceeds kσ with probability (1 + k²/ν)^(−ν/2), the tail of F(2, ν).
+The limit k is set so that a clean set of its size loses a corner once in twenty calibrations.
 """
 
 from __future__ import annotations
@@ -167,7 +167,9 @@ def _followed(used: BoolArray, free: BoolArray) -> float:
 def _limits(noise_px: float, used: BoolArray, free: BoolArray) -> FloatArray:
     """(V, M) longest residuals to be believed; corners that were not fitted miss by more."""
     share = _followed(used, free)
-    k = np.sqrt(2 * np.log(max(int(used.sum()), 1) / _FALSE_ALARMS))
+    count = max(int(used.sum()), 1)
+    freedom = max(2 * count * (1 - share), 4.0)
+    k = np.sqrt(freedom * ((count / _FALSE_ALARMS) ** (2 / freedom) - 1))
     # Data without noise keep all their corners: rounding is no reason to reject.
     longest = max(k * noise_px, _ROUNDING_PX)
     limits: FloatArray = longest * np.where(used, np.sqrt(1 - share), np.sqrt(1 + share))
