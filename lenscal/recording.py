@@ -195,6 +195,9 @@ def setting_to_json(record: SettingRecord) -> Json:
             "curve_standoff_mm": focus.curve_standoff_mm.tolist(),
             "curve_sharpness": focus.curve_sharpness.tolist(),
             "notes": list(focus.notes),
+            "measure": focus.measure,
+            "fine": focus.fine,
+            "vergence_per_mm": focus.vergence_per_mm,
         },
         "views": [
             {

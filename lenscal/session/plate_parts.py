@@ -11,7 +11,6 @@ from typing import Final
 
 import numpy as np
 
-from lenscal.arrays import FloatArray
 from lenscal.detection import Image, detect
 from lenscal.errors import SessionError
 from lenscal.plate import Plate
@@ -214,11 +213,11 @@ def board_to_look_at(target: Target, sensor: Sensor, magnification: float) -> Pl
     -------
     PlatePart
         The board with the largest product of corners seen and share of the image that they cover;
-        among those whose corners are 25 px apart at least, or, where there is none, the coarsest.
+        among those whose corners are 25 px apart at least. Where none of these shows a corner, the
+        coarsest board that does.
     """
-    px_per_mm = magnification / sensor.sample_pitch_mm
-    image_mm = np.array([sensor.width_px, sensor.height_px]) / px_per_mm
-    return max(_coarse_enough(target, px_per_mm), key=lambda part: _worth(part.target, image_mm))
+    boards = _coarse_enough(target, sensor, magnification)
+    return max(boards, key=lambda board: _worth(board.target, sensor, magnification))
 
 
 def detect_boards(
@@ -240,14 +239,14 @@ def detect_boards(
     Returns
     -------
     Observation
-        Points of the plate. Where no board is coarse enough, the coarsest counts.
+        Points of the plate.
 
     Raises
     ------
     DetectionError
         When none of them is found.
     """
-    boards = _coarse_enough(target, magnification / sensor.sample_pitch_mm)
+    boards = _coarse_enough(target, sensor, magnification)
     found = detect(image, Plate(tuple((board.target, board.centre_mm) for board in boards)))
     first = np.cumsum([0, *(len(part.points_mm) for part, _ in _parts(target))])
     ids = np.concatenate([np.arange(first[b.number], first[b.number + 1]) for b in boards])
@@ -264,21 +263,21 @@ def _spacing_mm(board: Target) -> float:
     return float(np.linalg.norm(points[1:] - points[0], axis=-1).min())
 
 
-def _coarse_enough(target: Target, px_per_mm: FloatArray) -> list[PlatePart]:
-    """Boards whose points are far enough apart, or the coarsest where none is."""
+def _coarse_enough(target: Target, sensor: Sensor, magnification: float) -> list[PlatePart]:
+    """Boards whose points are far enough apart, or as far as can be had with any in the image."""
     boards = boards_of(target)
-    least_mm = min(
-        _LEAST_SPACING_PX / float(px_per_mm.min()),
-        max(_spacing_mm(board.target) for board in boards),
-    )
+    seen = [b for b in boards if _worth(b.target, sensor, magnification) > 0] or boards
+    wanted_mm = _LEAST_SPACING_PX * float(sensor.sample_pitch_mm.max()) / magnification
+    least_mm = min(wanted_mm, max(_spacing_mm(board.target) for board in seen))
     return [board for board in boards if _spacing_mm(board.target) >= least_mm]
 
 
-def _worth(board: Target, image_mm: FloatArray) -> float:
+def _worth(board: Target, sensor: Sensor, magnification: float) -> float:
     """Points in the image times the share of it that they cover, the board in the middle.
 
     What N points tell of a scale goes with N times the squared length over which they are spread.
     """
+    image_mm = np.array([sensor.width_mm, sensor.height_mm]) / magnification
     points = board.points_mm[:, :2]
     partial = isinstance(board, Charuco)
     # A corner is told by the markers beside it, which have to be in the image too.

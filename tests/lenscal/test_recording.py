@@ -14,6 +14,7 @@ from lenscal.recording import (
     SettingRecord,
     View,
     head_to_json,
+    setting_to_json,
 )
 from lenscal.sensor import Sensor
 from lenscal.setting import ApproachSide, LensSetting
@@ -33,7 +34,7 @@ def recording() -> Recording:
         {"zoom": [1.0]},
     )
     seen = Observation.of(TARGET, np.array([0, 5]), np.array([[1.5, 2.5], [1 / 3, 4.0]]))
-    focus = FocusResult(370.1, 0.2, 0.9, 100.0, np.arange(5.0), np.arange(5.0) ** 2, ("noted",))
+    focus = FocusResult(370.1, 0.2, 0.9, 100.0, np.arange(5.0), np.arange(5.0) ** 2, ("noted",), "tenengrad", 3, 2e-3)
     records = [
         SettingRecord(
             LensSetting(90.0, 60.0, 20.0),
@@ -42,6 +43,9 @@ def recording() -> Recording:
             focus,
             ApproachSide.FROM_ABOVE,
             ("all well",),
+            temperature_c=31.25,
+            focus_part=3,
+            view_part=2,
         ),
         SettingRecord(LensSetting(92.0, 60.0), (), None, None, notes=("not focused",)),
     ]
@@ -59,7 +63,24 @@ def test_a_recording_round_trips_to_the_bit(recording, tmp_path):
     np.testing.assert_array_equal(view.observation.points_mm, TARGET.points_mm[[0, 5]])
     assert loaded.settings[0].approach is ApproachSide.FROM_ABOVE
     assert loaded.settings[0].focus.curve.shape == (5, 2)
+    focus = loaded.settings[0].focus
+    assert (focus.measure, focus.fine, focus.vergence_per_mm) == ("tenengrad", 3, 2e-3)
     assert loaded.settings[1].views == ()
+    known, unknown = loaded.settings
+    assert (known.temperature_c, known.focus_part, known.view_part) == (31.25, 3, 2)
+    assert (unknown.temperature_c, unknown.focus_part, unknown.view_part) == (None, None, None)
+
+
+def test_a_recording_from_before_temperatures_and_parts_is_read(recording, tmp_path):
+    with JournalWriter(tmp_path / JOURNAL) as journal:
+        journal.append(head_to_json(recording.head))
+        entry = setting_to_json(recording.settings[0])
+        for late in ("temperature_c", "focus_part", "view_part"):
+            del entry[late]
+        journal.append(entry)
+    (record,) = Recording.load(tmp_path).settings
+    assert len(record.views) == 2
+    assert (record.temperature_c, record.focus_part, record.view_part) == (None, None, None)
 
 
 def test_a_torn_last_line_costs_only_itself(recording, tmp_path):

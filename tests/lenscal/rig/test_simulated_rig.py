@@ -207,3 +207,21 @@ def test_a_plate_inside_the_lens_is_a_collision(rig):
 def test_closing_twice_is_harmless(rig):
     rig.close()
     rig.close()
+
+
+def test_the_chip_warms_up_with_the_clock_of_the_world(rig):
+    assert rig.camera.temperature_c == 22.0
+    rig.world.advance(1500.0)
+    assert rig.camera.temperature_c == pytest.approx(22 + 18 * (1 - np.exp(-1)))
+    rig.world.advance(1e5)
+    assert rig.camera.temperature_c == pytest.approx(40.0)
+
+
+def test_a_rig_is_as_warm_as_its_lens_or_else_its_camera(rig, monkeypatch):
+    assert rig.lens.temperature_c is None
+    assert rig.temperature_c == rig.camera.temperature_c
+    monkeypatch.setattr(type(rig.lens), "temperature_c", 0.0)
+    assert rig.temperature_c == 0.0
+    monkeypatch.undo()
+    monkeypatch.delattr(type(rig.camera), "temperature_c")
+    assert rig.temperature_c is None

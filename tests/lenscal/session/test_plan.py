@@ -66,6 +66,24 @@ def test_the_first_view_is_untilted_and_the_others_tilt_about_axes_across_the_op
     np.testing.assert_allclose(vectors.sum(axis=0), 0, atol=1e-12)
 
 
+def test_displaced_views_come_between_the_focus_view_and_the_tilted_ones(tmp_path):
+    text = TEXT.replace("tilted = 4", 'tilted = 4\ndisplacements = ["-3 mm", "0.15 cm"]')
+    plan = load(tmp_path, text)
+    assert plan.views.displacements == (-3.0, 1.5)
+    placements = plan.views.placements()
+    assert [p.displacement_mm for p in placements] == [0, -3, 1.5, 0, 0, 0, 0]
+    angles = [np.linalg.norm(p.turn.rotation_vector) for p in placements]
+    np.testing.assert_allclose(np.rad2deg(angles), [0, 0, 0, 25, 25, 25, 25], atol=1e-9)
+    assert SessionPlan.model_validate(plan.model_dump(mode="json")) == plan
+
+
+def test_a_plan_displaces_nothing_unless_told(plan):
+    assert plan.views.displacements == ()
+    assert [p.turn.rotation.tolist() for p in plan.views.placements()] == [
+        turn.rotation.tolist() for turn in plan.views.tilts()
+    ]
+
+
 def test_a_plan_round_trips_through_what_a_recording_keeps_of_it(plan):
     kept = plan.model_dump(mode="json")
     assert kept["autofocus"]["nearest"] == "362.0 mm"
@@ -87,6 +105,23 @@ def test_a_plan_round_trips_through_what_a_recording_keeps_of_it(plan):
         ("zoom = [90, 98.5]", "zoom = []", "zoom: Tuple should have at least 1 item"),
         ("zoom = [90, 98.5]", "zoom = [90, 90]", "zoom names a setting twice: 90, 90"),
         ("iris = 20", "", "views.iris: Field required"),
+        (
+            "tilted = 4",
+            'displacements = ["3 mm", "0 mm"]',
+            "views.displacements: a displacement of zero repeats the focus view.*: 3 mm, 0 mm",
+        ),
+        (
+            "tilted = 4",
+            'displacements = ["3 mm", "0.3 cm"]',
+            "views.displacements: a displacement stands twice: 3 mm, 3 mm",
+        ),
+        ("tilted = 4", "displacements = [3]", "a length needs its unit, such as '3 mm'"),
+        (
+            "tilted = 4",
+            'displacements = ["-362 mm"]',
+            "a displacement of -362 mm from the nearest standoff of the search, 362 mm, brings "
+            "the camera to the target or behind it; displace it by less",
+        ),
         ("iris = 100", 'iris = 100\nmeasure = "wow"', "autofocus.measure: Input should be 'edge_w"),
     ],
 )

@@ -115,6 +115,76 @@ def test_a_setting_that_cannot_be_focused_is_passed_over_with_its_reason(tmp_pat
     assert Recording.load(tmp_path / "s").settings[0].notes == record.notes
 
 
+def test_displaced_views_face_the_board_from_farther_or_nearer(tmp_path):
+    views = {"displacements": ["-3 mm", "1.5 mm"], "tilted": 2, "tilt_deg": 20, "iris": 20}
+    rig = SimulatedRig.preset("vicon-1990", seed=2)
+    plan = small_plan(zoom=(98.0,), views=views, keep_frames=False)
+    (record,) = run_session(plan, rig, tmp_path / "s").settings
+    assert (len(record.views), record.focus_view, record.notes) == (5, 0, ())
+    first = record.views[0].base_from_hand @ rig.hand_from_camera
+    for view, displacement_mm in zip(record.views[1:3], (-3.0, 1.5), strict=True):
+        moved = first.inverse() @ view.base_from_hand @ rig.hand_from_camera
+        np.testing.assert_allclose(moved.matrix[:3, :3], np.eye(3), atol=1e-9)
+        np.testing.assert_allclose(moved.translation_mm, [0, 0, -displacement_mm], atol=1e-9)
+    # What is nearer appears larger: by 3 mm and 1.5 mm of D.
+    sizes = [np.ptp(view.observation.pixels[:, 0]) for view in record.views[:3]]
+    distance_mm = rig.truth(record.setting).object_distance_mm
+    expected = [distance_mm / (distance_mm + d) for d in (-3.0, 1.5)]
+    np.testing.assert_allclose(np.array(sizes[1:]) / sizes[0], expected, rtol=1e-3)
+
+
+def test_a_view_out_of_reach_is_left_out_with_its_reason(tmp_path):
+    views = {"displacements": ["1.5 m"], "tilted": 2, "tilt_deg": 55, "iris": 20}
+    rig = SimulatedRig.preset("vicon-1990", seed=2)
+    plan = small_plan(zoom=(98.0,), views=views, keep_frames=False)
+    (record,) = run_session(plan, rig, tmp_path / "s").settings
+    assert len(record.views) == 1
+    assert "view 1 left out: z = " in record.notes[0]
+    assert "view 2 left out: the hand cannot tilt 55.0 degrees" in record.notes[1]
+
+
+def test_a_setting_at_which_nothing_is_sharp_is_passed_over(tmp_path):
+    rig = SimulatedRig.preset("machine-vision")
+    search = {"nearest": "0.4 m", "farthest": "0.6 m", "step": "20 mm", "iris": 75}
+    plan = small_plan(zoom=(0.0,), focus=(0.0,), autofocus=search)
+    (record,) = run_session(plan, rig, tmp_path / "s").settings
+    assert record.notes[0].startswith("not focused: no disk of the plate can be seen from 400 to ")
+
+
+def test_the_temperature_goes_on_record(recorded):
+    rig, recording, _ = recorded
+    first, second = (record.temperature_c for record in recording.settings)
+    assert 22 < first < second <= rig.camera.temperature_c < 40
+    loaded = Recording.load(recording.folder)
+    assert [record.temperature_c for record in loaded.settings] == [first, second]
+
+
+def test_a_plate_without_a_choice_has_none_on_record(recorded):
+    _, recording, _ = recorded
+    assert {(r.focus_part, r.view_part) for r in recording.settings} == {(None, None)}
+
+
+def test_each_setting_gets_the_disk_and_the_board_that_suit_its_magnification(tmp_path):
+    """The first disk and the largest board of the plate would be too large here."""
+    rig = SimulatedRig.preset("machine-vision", seed=3)
+    search = {"nearest": "0.35 m", "farthest": "0.5 m", "step": "20 mm", "iris": 75}
+    views = {"displacements": ["2 mm"], "tilted": 2, "tilt_deg": 20, "iris": 20}
+    plan = small_plan(zoom=(800.0,), focus=(6800.0,), autofocus=search, views=views)
+    folder = tmp_path / "s"
+    (record,) = run_session(plan.model_copy(update={"keep_frames": False}), rig, folder).settings
+    assert record.notes == ()
+    assert record.focus.distance_mm == pytest.approx(rig.truth(record.setting).standoff_mm, abs=0.3)
+    (loaded,) = Recording.load(folder).settings
+    for kept in (record, loaded):
+        parts = [rig.target.parts[part][0].spec for part in (kept.focus_part, kept.view_part)]
+        assert parts == ["disk:20mm", "charuco:13x10:10mm:7.5mm:DICT_4X4_250:65"]
+    for view in loaded.views:
+        # All corners of that board, and the points of the plate that their ids stand for.
+        assert set(view.observation.ids) >= set(rig.target.first_id(2) + np.arange(108))
+        middle = view.observation.points_mm[:, :2].mean(axis=0)
+        np.testing.assert_allclose(middle, [270, -165], atol=20)
+
+
 def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(SessionError, match="cannot make the folder .*file/s: "):
