@@ -11,16 +11,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lenscal.calibration.calibration import Calibration
+    from lenscal.calibration.calibration import Calibration, Repeatability
+    from lenscal.calibration.hand_eye import HandEye, solve_hand_eye
+    from lenscal.calibration.projection_uncertainty import projection_sigma_px
     from lenscal.calibration.refine import calibrate_views
     from lenscal.calibration.sweep import calibrate_recording
     from lenscal.calibration.table import CalibrationTable
     from lenscal.calibration.tsai import calibrate_tsai
     from lenscal.camera import Camera
     from lenscal.detection import detect
+    from lenscal.maps.consistency import check_consistency
     from lenscal.maps.contours import SettingCurve
     from lenscal.maps.fit import fit_lens_map
     from lenscal.maps.lens_map import LensMap
+    from lenscal.maps.validation import cross_validate
     from lenscal.plate import parse_target
     from lenscal.pose import Pose
     from lenscal.recording import FocusResult, Recording
@@ -35,10 +39,12 @@ _HOME = {
     "CalibrationTable": "lenscal.calibration.table",
     "Camera": "lenscal.camera",
     "FocusResult": "lenscal.recording",
+    "HandEye": "lenscal.calibration.hand_eye",
     "LensMap": "lenscal.maps.lens_map",
     "LensSetting": "lenscal.setting",
     "Pose": "lenscal.pose",
     "Recording": "lenscal.recording",
+    "Repeatability": "lenscal.calibration.calibration",
     "Sensor": "lenscal.sensor",
     "SessionPlan": "lenscal.session.plan",
     "SettingCurve": "lenscal.maps.contours",
@@ -47,10 +53,14 @@ _HOME = {
     "calibrate_recording": "lenscal.calibration.sweep",
     "calibrate_tsai": "lenscal.calibration.tsai",
     "calibrate_views": "lenscal.calibration.refine",
+    "check_consistency": "lenscal.maps.consistency",
+    "cross_validate": "lenscal.maps.validation",
     "detect": "lenscal.detection",
     "fit_lens_map": "lenscal.maps.fit",
     "parse_target": "lenscal.plate",
+    "projection_sigma_px": "lenscal.calibration.projection_uncertainty",
     "run_session": "lenscal.session.runner",
+    "solve_hand_eye": "lenscal.calibration.hand_eye",
 }
 
 __all__ = [
@@ -58,10 +68,12 @@ __all__ = [
     "CalibrationTable",
     "Camera",
     "FocusResult",
+    "HandEye",
     "LensMap",
     "LensSetting",
     "Pose",
     "Recording",
+    "Repeatability",
     "Sensor",
     "SessionPlan",
     "SettingCurve",
@@ -70,10 +82,14 @@ __all__ = [
     "calibrate_recording",
     "calibrate_tsai",
     "calibrate_views",
+    "check_consistency",
+    "cross_validate",
     "detect",
     "fit_lens_map",
     "parse_target",
+    "projection_sigma_px",
     "run_session",
+    "solve_hand_eye",
 ]
 
 

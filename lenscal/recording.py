@@ -136,6 +136,8 @@ def head_to_json(head: Head) -> Json:
         "base_from_target": _optional(head.base_from_target, _matrix),
         "identity": head.identity,
         "plan": head.plan,
+        "hand_eye_sigma_rad": head.hand_eye_sigma_rad,
+        "hand_eye_sigma_mm": head.hand_eye_sigma_mm,
     }
 
 
@@ -160,6 +162,8 @@ def head_from_json(entry: Json) -> Head:
         base_from_target=_optional(entry["base_from_target"], Pose.from_matrix),
         identity=entry["identity"],
         plan=entry["plan"],
+        hand_eye_sigma_rad=entry.get("hand_eye_sigma_rad"),
+        hand_eye_sigma_mm=entry.get("hand_eye_sigma_mm"),
     )
 
 

@@ -209,6 +209,9 @@ class Head:
         Names, serial numbers and versions of the devices.
     plan
         The plan of the session as it was carried out.
+    hand_eye_sigma_rad, hand_eye_sigma_mm
+        How well `hand_from_camera` is known: σ of the rotation about each axis and of each
+        coordinate; None where the rig does not say.
     """
 
     sensor: Sensor
@@ -218,3 +221,5 @@ class Head:
     base_from_target: Pose | None = None
     identity: dict[str, str] = field(default_factory=dict)
     plan: Json = field(default_factory=dict)
+    hand_eye_sigma_rad: float | None = None
+    hand_eye_sigma_mm: float | None = None

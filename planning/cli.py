@@ -57,13 +57,13 @@ def visibility(
     audit_points: int,
     seed: int,
 ) -> None:
-    r"""Compute from where the whole of a face is seen.
+    """Compute from where the whole of a face is seen.
 
     \b
     Example:
       lenscal visibility part.stl --unit mm --target-near "0,0,0 mm" \
           --workspace "-30,-80,5,30,80,100 cm" -o region.stl
-    """
+    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
     from planning.scene import Scene
     from planning.solid import box_workspace
     from planning.target import Target
@@ -106,12 +106,12 @@ def visibility(
 def settings(
     lens_map: Path, resolution: str | None, fov: str | None, axis: Axis, safety: float
 ) -> None:
-    r"""Show at which zoom and focus a feature is resolved and inside the image.
+    """Show at which zoom and focus a feature is resolved and inside the image.
 
     \b
     Example:
       lenscal settings map.json --resolution 3px/0.01in --fov 1in --axis x
-    """
+    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
     from lenscal.errors import PlanningError
     from lenscal.maps.lens_map import LensMap
     from planning.settings import admissible_settings
@@ -131,7 +131,7 @@ def settings(
 @click.option("--safety", default=0.005, show_default=True, help="Share by which limits are kept.")
 @click.option("--seed", default=0, show_default=True, help="Seed of the audit's viewpoints.")
 def plan(task_file: Path, out: Path, safety: float, seed: int) -> None:
-    r"""Plan viewpoints and settings for a task.
+    """Plan viewpoints and settings for a task.
 
     TASK.toml names the part, its unit, the lens map, the target, the workspace and the
     requirements; every length in it carries its unit.
@@ -139,7 +139,7 @@ def plan(task_file: Path, out: Path, safety: float, seed: int) -> None:
     \b
     Example:
       lenscal plan task.toml -o plan.json
-    """
+    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
     from lenscal.errors import PlanningError
     from planning.planner import plan as make_plan
     from planning.task_file import load_task
@@ -163,12 +163,12 @@ def plan(task_file: Path, out: Path, safety: float, seed: int) -> None:
 )
 @click.option("--seed", default=0, show_default=True, help="Seed of the simulated rig.")
 def demo(out: Path, seed: int) -> None:
-    r"""Calibrate a simulated zoom lens and place a camera with it, from end to end.
+    """Calibrate a simulated zoom lens and place a camera with it, from end to end.
 
     \b
     Example:
       lenscal demo --out lenscal-demo
-    """
+    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
     from planning.demo import run_demo
 
     run_demo(out, seed)

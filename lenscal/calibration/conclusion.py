@@ -84,14 +84,33 @@ def conclude(
     return _with_warnings(_calibration(seen, plane, joint), notes)
 
 
+class Reference(NamedTuple):
+    """What a robot's quantities are counted from.
+
+    Parameters
+    ----------
+    focus_view
+        The view D is measured to, or None.
+    focus_hand
+        ``base_from_hand`` of that view as reported, or None.
+    hand_from_camera
+        The reference camera in the hand, or None where it is not known.
+    hand_eye_sigma
+        σ of its rotation in rad and of its place in mm.
+    """
+
+    focus_view: int | None
+    focus_hand: Pose | None
+    hand_from_camera: Pose | None
+    hand_eye_sigma: tuple[float, float] = (0.0, 0.0)
+
+
 def conclude_with_robot(
     views: Views,
     selection: Selection,
     sensor: Sensor,
     robot: RobotFit,
-    focus_view: int | None,
-    focus_hand: Pose | None,
-    hand_from_camera: Pose | None,
+    reference: Reference,
 ) -> Calibration:
     """Turn a fit that a robot tied into a calibration.
 
@@ -105,12 +124,8 @@ def conclude_with_robot(
         The sensor.
     robot
         The fit.
-    focus_view
-        The view D is measured to, or None.
-    focus_hand
-        ``base_from_hand`` of that view as reported, or None.
-    hand_from_camera
-        The reference camera in the hand, or None where it is not known.
+    reference
+        What D, nodal offset and standoff are counted from.
 
     Returns
     -------
@@ -131,6 +146,7 @@ def conclude_with_robot(
     refuse_nonsense(missed, selection.inliers, sensor)
     _refuse_inside_out(views, selection, sensor, robot.noise_px)
     notes = []
+    focus_view, focus_hand = reference.focus_view, reference.focus_hand
     if focus_view is not None and not selection.inliers[focus_view].any():
         notes.append(f"view {focus_view} was rejected; D is to where the robot says its plane was")
     state, noise_px = robot.state, robot.noise_px
@@ -142,7 +158,8 @@ def conclude_with_robot(
             views.middles_mm[focus_view],
             state.mounting,
             focus_hand,
-            hand_from_camera,
+            reference.hand_from_camera,
+            reference.hand_eye_sigma,
         )
     shared = robot.covariance.shared
     count = len(state.intrinsics)

@@ -12,7 +12,12 @@ import numpy.typing as npt
 from lenscal.arrays import BoolArray, FloatArray, frozen_array
 from lenscal.calibration.bundle import fit, residuals
 from lenscal.calibration.calibration import Calibration, Repeatability
-from lenscal.calibration.conclusion import conclude, conclude_with_robot, refuse_nonsense
+from lenscal.calibration.conclusion import (
+    Reference,
+    conclude,
+    conclude_with_robot,
+    refuse_nonsense,
+)
 from lenscal.calibration.initial import homographies, initial_state, state_of
 from lenscal.calibration.projection import (
     CENTRE_X,
@@ -51,6 +56,7 @@ def calibrate_views(
     reject_outliers: bool = True,
     hand_poses: Sequence[Pose | None] | None = None,
     hand_from_camera: Pose | None = None,
+    hand_eye_sigma: tuple[float, float] | None = None,
     repeatability: Repeatability | None = None,
     mounting_prior: MountingPrior | None = None,
 ) -> Calibration:
@@ -90,6 +96,10 @@ def calibrate_views(
     hand_from_camera
         The reference camera in the hand, which nodal offset and standoff are counted from; None
         where it is not known.
+    hand_eye_sigma
+        How well `hand_from_camera` is known: σ of its rotation about each axis in rad and of each
+        coordinate in mm. It is part of σ of the nodal offset, not of that of the standoff, in which
+        it cancels where the same statement places the camera. None to leave it out.
     repeatability
         Of the robot; None to estimate it from these views.
     mounting_prior
@@ -152,7 +162,11 @@ def calibrate_views(
     focus_hand = None if focus_view is None else hand_poses[focus_view]
     return _seen(
         conclude_with_robot(
-            views, selection, sensor, robot, focus_view, focus_hand, hand_from_camera
+            views,
+            selection,
+            sensor,
+            robot,
+            Reference(focus_view, focus_hand, hand_from_camera, hand_eye_sigma or (0.0, 0.0)),
         )
     )
 

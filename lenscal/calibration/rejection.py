@@ -1,8 +1,9 @@
 """Which corners and views to believe: a robust fit first, then least squares on what agrees.
 
 Corners are judged by the length of their residual, which for Gaussian noise of σ per coordinate,
-σ known from ν degrees of freedom, exceeds kσ with probability (1 + k²/ν)^(−ν/2), the tail of F(2, ν).
-The limit k is set so that a clean set of its size loses a corner once in twenty calibrations.
+σ known from ν degrees of freedom, exceeds kσ with probability (1 + k²/ν)^(−ν/2): the tail of
+F(2, ν). The limit k is set so that a clean set of its size loses a corner once in twenty
+calibrations.
 """
 
 from __future__ import annotations

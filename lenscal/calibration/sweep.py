@@ -229,6 +229,7 @@ def _calibrate(head: Head, job: Job, options: SweepOptions) -> Calibration:
         calibration = solve(
             hand_poses=[view.base_from_hand for view in job.record.views],
             hand_from_camera=head.hand_from_camera,
+            hand_eye_sigma=_hand_eye_sigma(head),
             repeatability=job.repeatability,
             mounting_prior=job.prior,
         )
@@ -285,6 +286,12 @@ def _repeatability(
         ):
             break
     return believed
+
+
+def _hand_eye_sigma(head: Head) -> tuple[float, float] | None:
+    if head.hand_eye_sigma_rad is None or head.hand_eye_sigma_mm is None:
+        return None
+    return head.hand_eye_sigma_rad, head.hand_eye_sigma_mm
 
 
 def _has_robot(record: SettingRecord) -> bool:

@@ -22,7 +22,7 @@ from lenscal.sensor import Sensor
 from lenscal.setting import LensSetting
 
 KIND: Final = "calibration-table"
-VERSION: Final = 2
+VERSION: Final = 3
 
 #: Quantities of a setting; each has a column ``sigma_<quantity>`` with its standard deviation.
 QUANTITIES: Final = (
@@ -63,6 +63,10 @@ COLUMNS: Final = (
     "approach",
     *(f"sigma_{quantity}" for quantity in QUANTITIES),
     "sigma_sharpest_mm",
+    "sharpest_confidence",
+    "pupil_iris",
+    "entrance_pupil_diameter_mm",
+    "sigma_entrance_pupil_diameter_mm",
     *(f"cov_{a}_{b}" for a, b in PAIRS),
 )
 
@@ -93,7 +97,9 @@ class CalibrationTable:
     top; only ``sigma_standoff_mm`` holds it already, because it is most of the error there. D and
     the nodal offset share one large error, since the robot knows the standoff between them. The
     projection centre lies at (``nodal_x_mm``, ``nodal_y_mm``, −``nodal_offset_mm``) in the frame of
-    the reference camera. NaN stands for what is not known, and for the σ of what was held fixed.
+    the reference camera. ``sharpest_confidence`` says from 0 to 1 how clear the autofocus saw its
+    peak, and ``entrance_pupil_diameter_mm`` is that at ``pupil_iris``, the iris of the autofocus.
+    NaN stands for what is not known, and for the σ of what was held fixed.
 
     Parameters
     ----------

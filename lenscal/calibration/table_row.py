@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from lenscal.calibration.calibration import Calibration, RobotEvidence, axial_distance_mm
+from lenscal.calibration.pupil import PupilDiameter, entrance_pupil_diameter
 from lenscal.calibration.table import PAIRS, QUANTITIES
 from lenscal.document import Json
+from lenscal.errors import CalibrationError
 from lenscal.recording import Head, SettingRecord
 
 Row = dict[str, float | str]
@@ -55,7 +57,38 @@ def row_of(head: Head, record: SettingRecord, calibration: Calibration) -> Row:
         row |= _from_stated_mounting(head, record, calibration)
     if "standoff_mm" in row:
         row["sigma_standoff_mm"] = float(np.hypot(row["sigma_standoff_mm"], sharpest))
+    return row | _from_the_focus_curve(record, calibration)
+
+
+def _from_the_focus_curve(record: SettingRecord, calibration: Calibration) -> Row:
+    """Tell how clear the peak was, and the entrance pupil where the curve tells it."""
+    if record.focus is None:
+        return {}
+    row: Row = {
+        "sharpest_confidence": record.focus.confidence,
+        "pupil_iris": np.nan if record.focus.iris is None else record.focus.iris,
+    }
+    pupil = _pupil(record, calibration)
+    if isinstance(pupil, PupilDiameter):
+        row["entrance_pupil_diameter_mm"] = pupil.diameter_mm
+        row["sigma_entrance_pupil_diameter_mm"] = pupil.sigma_mm
     return row
+
+
+def _pupil(record: SettingRecord, calibration: Calibration) -> PupilDiameter | str:
+    """Measure the entrance pupil, or say why it is not known."""
+    if record.focus is None:
+        return "no autofocus was recorded, so the entrance pupil is not known"
+    try:
+        return entrance_pupil_diameter(
+            record.focus,
+            calibration.camera.sensor,
+            object_distance_mm=calibration.object_distance_mm,
+            image_distance_mm=calibration.image_distance_mm,
+            covariance_mm2=calibration.covariance(["object_distance_mm", "image_distance_mm"]),
+        )
+    except CalibrationError as error:
+        return str(error)
 
 
 def _from_stated_mounting(head: Head, record: SettingRecord, calibration: Calibration) -> Row:
@@ -68,7 +101,9 @@ def _from_stated_mounting(head: Head, record: SettingRecord, calibration: Calibr
         "sigma_standoff_mm": 0.0,
         "nodal_offset_mm": calibration.object_distance_mm - standoff,
         # The nodal offset inherits the error of D: the standoff is known so much better.
-        "sigma_nodal_offset_mm": calibration.sigma("object_distance_mm"),
+        "sigma_nodal_offset_mm": float(
+            np.hypot(calibration.sigma("object_distance_mm"), head.hand_eye_sigma_mm or 0.0)
+        ),
     }
     for a, b in PAIRS:
         if "standoff_mm" in (a, b):
@@ -95,6 +130,7 @@ def evidence_of(record: SettingRecord, calibration: Calibration) -> Json:
         What JSON can hold.
     """
     names = list(calibration.quantities)
+    pupil = _pupil(record, calibration)
     return {
         "zoom": record.setting.zoom,
         "focus": record.setting.focus,
@@ -118,6 +154,7 @@ def evidence_of(record: SettingRecord, calibration: Calibration) -> Json:
             }
             for r in calibration.rejected
         ],
+        "entrance_pupil_unknown": pupil if isinstance(pupil, str) else None,
         "warnings": list(calibration.warnings),
     }
 

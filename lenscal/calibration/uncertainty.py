@@ -63,6 +63,8 @@ class FocusPlane:
         That pose.
     hand_from_camera
         The reference camera in the hand, or None where it is not known.
+    hand_eye_sigma
+        σ of its rotation in rad and of its place in mm.
     """
 
     rotation: FloatArray
@@ -71,6 +73,7 @@ class FocusPlane:
     mounting: Mounting | None = None
     base_from_hand: Pose | None = None
     hand_from_camera: Pose | None = None
+    hand_eye_sigma: tuple[float, float] = (0.0, 0.0)
 
     @property
     def has_reference(self) -> bool:
@@ -110,6 +113,28 @@ class FocusPlane:
         centre = self.hand_from_camera.inverse().transform(centre_in_hand)
         offset = -centre[:, 2:]
         return np.concatenate([plane, centre[:, :2], offset, plane[:, :1] - offset], axis=1)
+
+    def reference_variance(self, quantities: FloatArray) -> FloatArray:
+        """Tell how much the nodal translation owes to the stated place of the reference camera.
+
+        Parameters
+        ----------
+        quantities
+            (Q,) in the order of `quantity_names`, those of the camera left out.
+
+        Returns
+        -------
+        FloatArray
+            (Q,) variances; none for the standoff, which is counted from that place as stated.
+        """
+        variances = np.zeros(len(quantities))
+        if self.has_reference:
+            turn, shift = self.hand_eye_sigma
+            offset = quantities[-2]
+            # A reference camera turned by ε sees a centre that lies `offset` behind it ε aside.
+            lateral = shift**2 + (turn * offset) ** 2
+            variances[-4:] = lateral, lateral, shift**2, 0.0
+        return variances
 
     def _of_view(self, perspective: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
         rotation = turns(steps[:, :3]) @ self.rotation
@@ -177,6 +202,8 @@ def evaluate_quantities(
     values = evaluate(np.zeros((1, len(joint))))[0]
     gradient = _gradient(evaluate, noise_px * np.sqrt(np.maximum(np.diag(joint), 0.0)))
     propagated: FloatArray = noise_px**2 * gradient @ joint @ gradient.T
+    if plane is not None:
+        propagated[count:, count:] += np.diag(plane.reference_variance(values[count:]))
     return values, (propagated + propagated.T) / 2
 
 

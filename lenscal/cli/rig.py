@@ -51,12 +51,12 @@ def look(
     seed: int,
     out: Path,
 ) -> None:
-    r"""Move a simulated rig somewhere, set the exposure, and save what it sees.
+    """Move a simulated rig somewhere, set the exposure, and save what it sees.
 
     \b
     Example:
       lenscal rig look --zoom 98 --focus 100 --distance "370 mm" -o frame.png
-    """
+    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
     import cv2
     import numpy as np
 

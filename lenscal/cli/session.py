@@ -31,12 +31,12 @@ def session() -> None:
     help="Folder to record to; it must not hold a session yet.",
 )
 def run(plan: Path, preset: str, seed: int, out: Path) -> None:
-    r"""Carry out PLAN and record it.
+    """Carry out PLAN and record it.
 
     \b
     Example:
       lenscal session run data/first-session.toml -o first-session
-    """
+    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
     from lenscal.progress import progress_bar
     from lenscal.rig.simulated import SimulatedRig
     from lenscal.session.plan import SessionPlan

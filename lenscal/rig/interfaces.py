@@ -217,6 +217,9 @@ class Rig:
         The target in the frame of the base, as taught.
     identity
         Further names and serial numbers, to go on record.
+    hand_eye_sigma_rad, hand_eye_sigma_mm
+        How well `hand_from_camera` is known: σ of the rotation about each axis and of each
+        coordinate, as `solve_hand_eye` states them; None where nobody knows.
     """
 
     lens: Lens
@@ -227,6 +230,8 @@ class Rig:
     hand_from_camera: Pose
     base_from_target: Pose
     identity: dict[str, str] = field(default_factory=dict)
+    hand_eye_sigma_rad: float | None = None
+    hand_eye_sigma_mm: float | None = None
 
     def identities(self) -> dict[str, str]:
         """Name every device, for the record.

@@ -99,6 +99,8 @@ def run_session(
         target=rig.target,
         reference_setting=rig.reference_setting,
         hand_from_camera=rig.hand_from_camera,
+        hand_eye_sigma_rad=rig.hand_eye_sigma_rad,
+        hand_eye_sigma_mm=rig.hand_eye_sigma_mm,
         base_from_target=rig.base_from_target,
         identity={
             **rig.identities(),

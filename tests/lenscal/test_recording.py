@@ -32,6 +32,8 @@ def recording() -> Recording:
         None,
         {"lens": "a lens"},
         {"zoom": [1.0]},
+        2e-4,
+        0.05,
     )
     seen = Observation.of(TARGET, np.array([0, 5]), np.array([[1.5, 2.5], [1 / 3, 4.0]]))
     focus = FocusResult(370.1, 0.2, 0.9, 100.0, np.arange(5.0), np.arange(5.0) ** 2, ("noted",), "tenengrad", 3, 2e-3)
@@ -59,6 +61,7 @@ def test_a_recording_round_trips_to_the_bit(recording, tmp_path):
     ).read_bytes()
     assert loaded.head.sensor == recording.head.sensor
     assert loaded.head.reference_setting == recording.head.reference_setting
+    assert (loaded.head.hand_eye_sigma_rad, loaded.head.hand_eye_sigma_mm) == (2e-4, 0.05)
     view = loaded.settings[0].views[0]
     np.testing.assert_array_equal(view.observation.points_mm, TARGET.points_mm[[0, 5]])
     assert loaded.settings[0].approach is ApproachSide.FROM_ABOVE

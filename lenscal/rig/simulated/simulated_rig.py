@@ -109,6 +109,8 @@ class SimulatedRig(Rig):
             preset.hand_from_camera,
             preset.base_from_target,
             {"rig": f"simulated {name}, seed {seed}"},
+            mounting_error.rotation_rad,
+            mounting_error.translation_mm,
             world=world,
         )
 

@@ -193,3 +193,14 @@ def test_bad_corners_are_left_out_before_the_robot_is_asked(ride):
     pixels[4][17] += 30.0
     result = _calibrate(replace(world, pixels=tuple(pixels)), repeatability=ROBOT)
     assert [(r.view, r.point) for r in result.rejected] == [(4, 17)]
+
+
+def test_a_hand_eye_calibration_of_stated_sigma_is_part_of_the_offset_alone(ride):
+    """Turned by ε, the reference camera sees a centre 250 mm ahead of it 250 ε aside."""
+    world = ride(np.random.default_rng(14))
+    exact = _calibrate(world, repeatability=ROBOT)
+    known = _calibrate(world, repeatability=ROBOT, hand_eye_sigma=(1e-3, 2.0))
+    added = {"nodal_offset_mm": 2.0, "nodal_x_mm": np.hypot(2.0, 0.25), "standoff_mm": 0.0}
+    for name, sigma in added.items():
+        assert known.sigma(name) == pytest.approx(np.hypot(exact.sigma(name), sigma), rel=1e-3)
+    assert known.sigma("object_distance_mm") == exact.sigma("object_distance_mm")
