@@ -54,7 +54,9 @@ def study(preset: str, seed: int = 3) -> None:
     standoff = np.array([t.standoff_mm for t in truth])
     away = (rows["nodal_offset_mm"] - offset) / rows["sigma_nodal_offset_mm"]
     print(f"{preset}, {len(rows)} settings, D {distance.min():.0f} to {distance.max():.0f} mm")
-    print(f"  offset: worst error {np.abs(away).max():.2f} σ, rms {np.sqrt((away**2).mean()):.2f} σ")
+    print(
+        f"  offset: worst error {np.abs(away).max():.2f} σ, rms {np.sqrt((away**2).mean()):.2f} σ"
+    )
     share = 100 * rows["sigma_nodal_offset_mm"] / distance
     print(f"  σ(offset)/D: {share.min():.3f} to {share.max():.3f} %")
     share = 100 * rows["sigma_object_distance_mm"] / distance
