@@ -18,6 +18,8 @@ _COMMANDS: Final = {
     "calibrate": "lenscal.cli.calibrate:calibrate",
     "map": "lenscal.cli.map:map_command",
     "contours": "lenscal.cli.contours:contours",
+    "export": "lenscal.cli.export:export",
+    "import": "lenscal.cli.import_:import_command",
 }
 #: In which order help lists them: that of the flow.
 _ORDER: Final = (
