@@ -305,6 +305,75 @@ def covariance(
     return Covariance(full, poses, cross)
 
 
+class OneStep(NamedTuple):
+    """The normal equations at some parameters, solved once.
+
+    Parameters
+    ----------
+    shared_step
+        (K,) or (K + 12,), zero for those held fixed.
+    pose_steps
+        (V, 6).
+    covariance
+        For unit noise.
+    start_squares
+        Weighted sum of the squared pixel residuals at the start in px².
+    cost
+        The cost that the linear model expects after the step, in px².
+    """
+
+    shared_step: FloatArray
+    pose_steps: FloatArray
+    covariance: Covariance
+    start_squares: float
+    cost: float
+
+
+def solve_once(
+    views: Views,
+    state: State,
+    free: BoolArray,
+    weights: FloatArray,
+    knowledge: Knowledge | None = None,
+) -> OneStep:
+    """Take one step of Gauss and Newton, and say how well it is known where it leads.
+
+    Parameters
+    ----------
+    views
+        The observations.
+    state
+        Where to linearise.
+    free
+        (K,) or (K + 12,) which shared parameters may move.
+    weights
+        (V, M) weight of each observation.
+    knowledge
+        What is known besides.
+
+    Returns
+    -------
+    OneStep
+        The step and its covariance.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        When the observations leave a parameter undetermined.
+    """
+    problem = _Problem(views, free, weights, knowledge)
+    point = problem.at(state)
+    system = problem.system(point)
+    step = _step(system, free, 0.0)
+    squares = np.where(weights > 0, weights * (point.residual**2).sum(axis=1), 0.0)
+    return OneStep(
+        *step,
+        covariance(views, state, free, weights, knowledge),
+        float(squares.sum()),
+        point.cost + _slope(system, free, step) / 2,
+    )
+
+
 class _Point(NamedTuple):
     """Parameters, and what they predict."""
 

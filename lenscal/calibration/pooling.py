@@ -31,10 +31,13 @@ class Pool(NamedTuple):
         One per setting: what the others know of the mounting, or None when nobody else does.
     notes
         One per setting: a sentence when its mounting disagrees with that of the others.
+    everybody
+        What all that agree know together, for a setting that could not measure.
     """
 
     priors: tuple[MountingPrior | None, ...]
     notes: tuple[str | None, ...]
+    everybody: MountingPrior
 
 
 def pool_repeatability(evidence: Sequence[RobotEvidence]) -> Repeatability:
@@ -88,7 +91,7 @@ def pool_settings(evidence: Sequence[RobotEvidence]) -> Pool:
         measured.prior(i, agreeing) if agreeing[i] and agreeing.sum() > 1 else None
         for i in range(len(evidence))
     )
-    return Pool(priors, tuple(notes))
+    return Pool(priors, tuple(notes), measured.prior(None, agreeing))
 
 
 class _Measured(NamedTuple):
@@ -110,9 +113,11 @@ class _Measured(NamedTuple):
         )
         return cls(origin, np.array(steps), np.linalg.inv(covariances))
 
-    def others(self, index: int, agreeing: BoolArray) -> tuple[FloatArray, FloatArray]:
+    def others(self, index: int | None, agreeing: BoolArray) -> tuple[FloatArray, FloatArray]:
         """(9,) mean and (9, 9) information of all that agree, but one."""
-        chosen = agreeing & (np.arange(len(self.steps)) != index)
+        chosen = agreeing.copy()
+        if index is not None:
+            chosen[index] = False
         total = self.information[chosen].sum(axis=0)
         weighted = (self.information[chosen] @ self.steps[chosen][..., None]).sum(axis=0)[:, 0]
         return np.linalg.solve(total, weighted), total
@@ -128,7 +133,7 @@ class _Measured(NamedTuple):
         covariance = np.linalg.inv(self.information[index]) + np.linalg.inv(total)
         return float(away @ np.linalg.solve(covariance, away))
 
-    def prior(self, index: int, agreeing: BoolArray) -> MountingPrior:
+    def prior(self, index: int | None, agreeing: BoolArray) -> MountingPrior:
         mean, total = self.others(index, agreeing)
         step = np.zeros(self.origin.mounting_covariance.shape[0])
         step[SHARED_BY_SETTINGS] = mean

@@ -134,7 +134,7 @@ def fit_with_robot(
         When the hand was not turned enough to show how the camera sits on it.
     """
     told = np.array([hand is not None for hand in hands]) & selection.inliers.any(axis=1)
-    start = _start(views, selection, hands, told)
+    start = _start(views, selection, hands, told, prior)
     all_free = np.concatenate([free, np.ones(COUNT, dtype=bool)])
     weights = selection.inliers.astype(float)
     first_px = noise_px = _first_noise(selection, views, free)
@@ -203,17 +203,24 @@ def check_hands(hands: Sequence[Pose | None], views: int) -> None:
 
 
 def _start(
-    views: Views, selection: Selection, hands: Sequence[Pose | None], told: BoolArray
+    views: Views,
+    selection: Selection,
+    hands: Sequence[Pose | None],
+    told: BoolArray,
+    prior: MountingPrior | None,
 ) -> State:
-    """Mount the camera by the closed form."""
+    """Mount the camera by what others know, or else by the closed form."""
     poses = selection.state.poses(views.middles_mm)
     seen = [pose for pose, used in zip(poses, told, strict=True) if used]
     reported = [hand for hand, used in zip(hands, told, strict=True) if used and hand is not None]
-    refuse_too_little_turning(reported)
-    hand_from_camera = solve_hand_eye_equation(seen, reported)
-    mounting = Mounting(
-        hand_from_camera.inverse(), base_from_target(hand_from_camera, seen, reported)
-    )
+    if prior is not None and reported:
+        mounting = _mounted(prior.mean, seen, reported)
+    else:
+        refuse_too_little_turning(reported)
+        hand_from_camera = solve_hand_eye_equation(seen, reported)
+        mounting = Mounting(
+            hand_from_camera.inverse(), base_from_target(hand_from_camera, seen, reported)
+        )
     state = replace(selection.state, mounting=mounting)
     # A target seen squarely fits two poses, tilted either way; the robot knows which is meant.
     rotations, placements = state.rotations.copy(), state.placements.copy()
@@ -224,6 +231,18 @@ def _start(
         rotations[view] = pose.rotation
         placements[view] = placement_of(pose, views.middles_mm[view], state.intrinsics)
     return replace(state, rotations=rotations, placements=placements)
+
+
+def _mounted(mean: Mounting, seen: Sequence[Pose], reported: Sequence[Pose]) -> Mounting:
+    """Keep directions and target of a mounting, and place the camera where the views have it."""
+    target_from_base = mean.base_from_target.inverse()
+    hands = [
+        pose.transform(target_from_base.transform(hand.translation_mm))
+        for pose, hand in zip(seen, reported, strict=True)
+    ]
+    return Mounting(
+        Pose(mean.camera_from_hand.rotation, np.median(hands, axis=0)), mean.base_from_target
+    )
 
 
 def _first_noise(selection: Selection, views: Views, free: BoolArray) -> float:

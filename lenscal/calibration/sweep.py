@@ -24,6 +24,7 @@ from lenscal.calibration.calibration import Calibration, Repeatability, RobotEvi
 from lenscal.calibration.pooling import pool_repeatability, pool_settings
 from lenscal.calibration.refine import calibrate_views
 from lenscal.calibration.slips import MountingPrior
+from lenscal.calibration.summary import RobotWord
 from lenscal.calibration.table import COLUMNS, CalibrationTable, Failure
 from lenscal.calibration.table_row import Row, evidence_of, row_of
 from lenscal.document import Json, digest
@@ -210,6 +211,40 @@ def calibrate_setting(head: Head, job: Job, options: SweepOptions) -> tuple[Row,
         return str(error)
 
 
+def robot_words(
+    recording: Recording, options: SweepOptions | None = None
+) -> tuple[RobotWord | None, ...]:
+    """Tell what the robot says of each setting, with what the other settings know.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    options
+        How settings are calibrated to learn it; None for the usual way.
+
+    Returns
+    -------
+    tuple of RobotWord or None
+        One per setting; None where no robot took its focus view, or none was used.
+    """
+    chosen = options or SweepOptions()
+    jobs: Sequence[Job] = [Job(record, chosen.repeatability) for record in recording.settings]
+    if chosen.use_robot and any(_has_robot(record) for record in recording.settings):
+        jobs = _informed(jobs, partial(_measure, recording.head, options=chosen), map)
+    return tuple(
+        RobotWord(
+            tuple(view.base_from_hand for view in job.record.views),
+            job.repeatability,
+            job.prior,
+            recording.head.hand_from_camera,
+        )
+        if chosen.use_robot and _has_robot(job.record) and job.repeatability is not None
+        else None
+        for job in jobs
+    )
+
+
 def _calibrate(head: Head, job: Job, options: SweepOptions) -> Calibration:
     """Calibrate with the robot, or say why not and calibrate without."""
     solve = partial(
@@ -264,7 +299,7 @@ def _informed(
     shared = iter(zip(pool.priors, pool.notes, strict=True))
     informed = []
     for job, evidence in zip(jobs, measured, strict=True):
-        prior, note = (None, None) if evidence is None else next(shared)
+        prior, note = (pool.everybody, None) if evidence is None else next(shared)
         informed.append(replace(job, prior=prior, note=note))
     return informed
 

@@ -5,6 +5,7 @@ from lenscal.calibration.calibration import Repeatability
 from lenscal.calibration.pooling import pool_repeatability, pool_settings
 from lenscal.calibration.refine import calibrate_views
 from lenscal.calibration.slips import SHARED_BY_SETTINGS
+from lenscal.calibration.summary import RobotWord, summarise_views
 
 ROBOT = Repeatability(1e-4, 0.02)
 #: Image distance and how far the projection centre has travelled, of six settings.
@@ -89,3 +90,21 @@ def test_the_robot_is_judged_by_all_settings(session):
     found = pool_repeatability([c.robot for c in alone])
     assert found.translation_mm == pytest.approx(0.02, rel=0.25)
     assert found.rotation_rad == pytest.approx(1e-4, rel=0.25)
+
+
+def test_a_setting_that_cannot_measure_the_mounting_is_told_by_the_others(session, ride):
+    """Frontal views, displaced by a known way: with the mounting known, D comes from the way."""
+    _, alone = session
+    everybody = pool_settings([c.robot for c in alone]).everybody
+    world = ride(
+        np.random.default_rng(22),
+        nodal_mm=(0.2, 0.1, -250.0),
+        tilted=0,
+        displacements_mm=(-30.0, -15.0, 15.0, 30.0),
+    )
+    word = RobotWord(world.hands, ROBOT, everybody, world.hand_from_camera)
+    asked = summarise_views(world.camera, world.points, world.pixels, 0, word)
+    place = asked.names.index("object_distance_mm")
+    sigma = np.sqrt(asked.covariance[place, place])
+    assert sigma < 0.002 * world.object_distance_mm
+    assert abs(asked.values[place] - world.object_distance_mm) < 3.5 * sigma
