@@ -36,6 +36,8 @@ from lenscal.camera import Camera
 from lenscal.errors import DegenerateGeometryError
 from lenscal.pose import Pose
 
+#: σ of ln D before anything is seen: it keeps answers finite that are hardly determined.
+_REACH: Final = 1.0
 #: Quantities that are positive, and linear in their logarithm where they are hardly known.
 _POSITIVE: Final = (
     "image_distance_mm",
@@ -55,7 +57,8 @@ class SettingSummary:
     names
         (Q,) the quantities, as `Calibration.quantities`.
     values
-        (Q,) where one step from the camera leads; positive ones are led by their logarithm.
+        (Q,) where one step from the camera leads; positive ones are led by their logarithm. D is
+        believed to lie within a factor of e or so of where it was.
     covariance
         (Q, Q) about there; of relative errors times the value where quantities are positive.
     noise_px
@@ -193,12 +196,19 @@ def summarise_views(
     noise_px = _noise(solution.cost, selection.inliers, int(asked.sum()))
     values, covariance = evaluate_quantities(state.intrinsics, plane, joint, noise_px)
     names = quantity_names(len(state.intrinsics), plane)
-    led = _led(names, values, _along(state.intrinsics, plane, step))
-    scale = np.divide(led, values, out=np.ones_like(led), where=np.isin(names, _POSITIVE))
+    positive = np.isin(names, _POSITIVE)
+    unit = np.where(positive, values, 1.0)
+    change, relative = _kept_in_reach(
+        names.index("object_distance_mm"),
+        _along(state.intrinsics, plane, step) / unit,
+        covariance / np.outer(unit, unit),
+    )
+    led = np.where(positive, values * np.exp(np.where(positive, change, 0.0)), values + change)
+    scale = np.where(positive, led, 1.0)
     return SettingSummary(
         names,
         led,
-        scale[:, None] * covariance * scale,
+        scale[:, None] * relative * scale,
         noise_px,
         float(np.sqrt(solution.start_squares / max(int(selection.inliers.sum()), 1))),
         int(selection.inliers.sum()),
@@ -255,9 +265,9 @@ def _along(intrinsics: FloatArray, plane: FocusPlane, step: FloatArray) -> Float
     return derivative
 
 
-def _led(names: Sequence[str], values: FloatArray, change: FloatArray) -> FloatArray:
-    """Follow a change, by the logarithm where a quantity is positive."""
-    positive = np.isin(names, _POSITIVE)
-    with np.errstate(over="ignore"):
-        grown = values * np.exp(change / np.where(positive, values, 1.0))
-    return np.where(positive, grown, values + change)
+def _kept_in_reach(
+    distance: int, change: FloatArray, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Believe that D is within a factor of e or so of the camera's; what is determined stays."""
+    gain = covariance[:, distance] / (covariance[distance, distance] + _REACH**2)
+    return change - gain * change[distance], covariance - np.outer(gain, covariance[distance])
