@@ -1,8 +1,8 @@
-"""The simulated rigs, recorded and calibrated with the robot: offsets and standoffs against the truth.
+"""The simulated rigs, recorded and calibrated with the robot, against the truth.
 
-5 × 5 settings a rig, ten views each: the focus view, four displaced by ±1.5 and ±3 mm, five tilted by
-20°, the iris closed until the one-pixel depth of field covers ±3 mm at (all but) every setting. The
-arm repeats to 0.02 mm and 0.1 mrad, its hand-eye calibration is off by 0.05 mm and 0.2 mrad a
+5 × 5 settings a rig, ten views each: the focus view, four displaced by ±1.5 and ±3 mm, five tilted
+by 20°, the iris closed until the one-pixel depth of field covers ±3 mm at (all but) every setting.
+The arm repeats to 0.02 mm and 0.1 mrad, its hand-eye calibration is off by 0.05 mm and 0.2 mrad a
 coordinate, as the rig states. Two minutes for vicon-1990, ten for machine-vision.
 
     OMP_NUM_THREADS=1 python benchmarks/rig_constrained.py [vicon-1990 | machine-vision]

@@ -36,7 +36,8 @@ def recording() -> Recording:
         0.05,
     )
     seen = Observation.of(TARGET, np.array([0, 5]), np.array([[1.5, 2.5], [1 / 3, 4.0]]))
-    focus = FocusResult(370.1, 0.2, 0.9, 100.0, np.arange(5.0), np.arange(5.0) ** 2, ("noted",), "tenengrad", 3, 2e-3)
+    curve = np.arange(5.0), np.arange(5.0) ** 2
+    focus = FocusResult(370.1, 0.2, 0.9, 100.0, *curve, ("noted",), "tenengrad", 3, 2e-3)
     records = [
         SettingRecord(
             LensSetting(90.0, 60.0, 20.0),
