@@ -1,8 +1,9 @@
 """How many views, how far and how tilted, for a wanted σ(D): a small study for the docs.
 
 Worlds are calibrated with the robot's poses and a stated repeatability; what comes out is the σ
-that the covariance promises, which the tests hold against re-noised copies. Three fields of view, since it is the field that decides whether perspective shows D by
-itself; the board fills three quarters of the image.
+that the covariance promises, which the tests hold against re-noised copies. Three fields of view,
+since it is the field that decides whether perspective shows D by itself; the board fills three
+quarters of the image.
 
     OMP_NUM_THREADS=1 python benchmarks/displacements.py
 """
