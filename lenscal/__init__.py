@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from lenscal.maps.consistency import check_consistency
     from lenscal.maps.contours import SettingCurve
     from lenscal.maps.fit import fit_lens_map
+    from lenscal.maps.inverse import SettingSolution
+    from lenscal.maps.joint import refine_lens_map
     from lenscal.maps.lens_map import LensMap
     from lenscal.maps.validation import cross_validate
     from lenscal.plate import parse_target
@@ -48,6 +50,7 @@ _HOME = {
     "Sensor": "lenscal.sensor",
     "SessionPlan": "lenscal.session.plan",
     "SettingCurve": "lenscal.maps.contours",
+    "SettingSolution": "lenscal.maps.inverse",
     "autofocus": "lenscal.session.autofocus",
     "autofocus_lens": "lenscal.session.autofocus",
     "calibrate_recording": "lenscal.calibration.sweep",
@@ -58,6 +61,7 @@ _HOME = {
     "detect": "lenscal.detection",
     "fit_lens_map": "lenscal.maps.fit",
     "parse_target": "lenscal.plate",
+    "refine_lens_map": "lenscal.maps.joint",
     "projection_sigma_px": "lenscal.calibration.projection_uncertainty",
     "run_session": "lenscal.session.runner",
     "solve_hand_eye": "lenscal.calibration.hand_eye",
@@ -77,6 +81,7 @@ __all__ = [
     "Sensor",
     "SessionPlan",
     "SettingCurve",
+    "SettingSolution",
     "autofocus",
     "autofocus_lens",
     "calibrate_recording",
@@ -88,6 +93,7 @@ __all__ = [
     "fit_lens_map",
     "parse_target",
     "projection_sigma_px",
+    "refine_lens_map",
     "run_session",
     "solve_hand_eye",
 ]

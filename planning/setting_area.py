@@ -84,7 +84,8 @@ def _onto_contours(
     start, stop = (np.stack([zoom[i[:, 0]], focus[i[:, 1]]], axis=-1) for i in (low, high))
     share = (index - low).max(axis=1)
     settings: FloatArray = start + share[:, None] * (stop - start)
-    traced = lens.magnification(*settings.T)
+    # Between two nodes inside, the border of a curved domain may cut across their edge.
+    traced = lens.magnification(*settings.T, outside="nan")
     level = np.where(np.abs(traced - limits[0]) <= np.abs(traced - limits[1]), *limits)
     a, b = start[between], stop[between]
 
@@ -93,6 +94,7 @@ def _onto_contours(
         ratio = lens.magnification(
             np.clip(zoom_a + along * (zoom_b - zoom_a), zoom_a, zoom_b),
             np.clip(focus_a + along * (focus_b - focus_a), focus_a, focus_b),
+            outside="nan",
         )
         return np.asarray(ratio - wanted, dtype=np.float64)
 

@@ -14,6 +14,8 @@ from lenscal.arrays import FloatArray
 from lenscal.errors import InputError, MapError
 from lenscal.maps.domain import Domain
 from lenscal.maps.lens_map import LensMap
+from lenscal.maps.pupil import PupilMap
+from lenscal.maps.pupil_fit import PUPIL_COLUMNS, fit_pupil_of_table
 from lenscal.maps.quantities import CAMERA_QUANTITIES
 from lenscal.maps.surface import Surfaces, fit_surfaces
 from lenscal.sensor import Sensor
@@ -32,6 +34,7 @@ def fit_lens_map(
     sensor: Sensor | None = None,
     reference_setting: LensSetting | None = None,
     log_smoothing: Mapping[str, npt.ArrayLike] | None = None,
+    pupil_samples: pd.DataFrame | None = None,
 ) -> LensMap:
     """Fit a lens map to one sample per setting.
 
@@ -47,6 +50,10 @@ def fit_lens_map(
         What the table does not carry itself.
     log_smoothing
         A smoothing that was chosen before, by name of the surface; None to let the data choose.
+    pupil_samples
+        Further samples of the entrance pupil, such as the rows of a session whose autofocus was
+        made at another iris: zoom, focus, image_distance_mm, pupil_iris,
+        entrance_pupil_diameter_mm and its σ. Those of the table itself always count.
 
     Returns
     -------
@@ -81,6 +88,7 @@ def fit_lens_map(
         for name in CAMERA_QUANTITIES
         if name in samples and samples[name].notna().all()
     }
+    pupil, pupil_notes = _pupil(samples, pupil_samples, chosen.get("pupil"))
     return LensMap(
         samples=samples,
         core=core,
@@ -88,8 +96,30 @@ def fit_lens_map(
         domain=Domain.around(zoom, focus),
         sensor=sensor,
         reference_setting=reference_setting,
-        notes=tuple(notes),
+        notes=(*notes, *pupil_notes),
+        pupil=pupil,
+        pupil_samples=pupil_samples,
     )
+
+
+def _pupil(
+    samples: pd.DataFrame, further: pd.DataFrame | None, log_smoothing: Any
+) -> tuple[PupilMap | None, list[str]]:
+    """Fit the entrance pupil; where samples do not tell it, the map does without and says so."""
+    if further is not None:
+        missing = [
+            c for c in ("zoom", "focus", "image_distance_mm", *PUPIL_COLUMNS) if c not in further
+        ]
+        if missing:
+            raise InputError(f"pupil_samples lack the columns {', '.join(missing)}; add them")
+        own = samples.assign(
+            image_distance_mm=samples["magnification"] * samples["object_distance_mm"]
+        )
+        samples = pd.concat([own, further], ignore_index=True)
+    try:
+        return fit_pupil_of_table(samples, log_smoothing=log_smoothing), []
+    except MapError as error:
+        return None, [f"the map has no entrance pupil: {error}"]
 
 
 def _checked(table: pd.DataFrame) -> pd.DataFrame:

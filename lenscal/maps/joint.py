@@ -25,6 +25,7 @@ from lenscal.camera import Camera
 from lenscal.errors import DegenerateGeometryError, InputError, MapError, OutOfDomainError
 from lenscal.maps.fit import fit_lens_map
 from lenscal.maps.lens_map import LensMap
+from lenscal.maps.pupil_fit import PUPIL_COLUMNS
 from lenscal.recording import Recording, SettingRecord
 
 #: Rounds of asking and fitting; three or four are needed.
@@ -94,13 +95,14 @@ def refine_lens_map(
             "the recording has no setting that can be asked: one with a focus view, and with the "
             "robot's poses where the map has standoffs"
         )
-    current = lens_map
+    current, pupil = lens_map, _pupil_samples(lens_map)
     for _ in range(_ROUNDS):
         rows = _asked(current, asked)
         refined = fit_lens_map(
             pd.DataFrame(rows),
             sensor=current.sensor,
             reference_setting=current.reference_setting,
+            pupil_samples=pupil,
         )
         moved = _moved(current, refined)
         current = refined
@@ -128,6 +130,15 @@ def _asked(
             continue
         rows.append(_row(record, summary))
     return rows
+
+
+def _pupil_samples(lens_map: LensMap) -> pd.DataFrame | None:
+    """Keep what the focus curves said of the entrance pupil; corners say nothing of it."""
+    samples = lens_map.samples
+    columns = ["zoom", "focus", "image_distance_mm", *PUPIL_COLUMNS]
+    own = samples[columns].dropna() if set(columns) <= set(samples.columns) else None
+    parts = [part for part in (own, lens_map.pupil_samples) if part is not None and len(part)]
+    return pd.concat(parts, ignore_index=True) if parts else None
 
 
 def _camera(lens_map: LensMap, record: SettingRecord) -> Camera:

@@ -10,30 +10,32 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from lenscal.arrays import FloatArray, frozen_array
+from lenscal.arrays import FloatArray
 from lenscal.camera import Camera
 from lenscal.document import digest
-from lenscal.errors import InputError, MapError, OutOfDomainError
+from lenscal.errors import InputError, MapError
 from lenscal.maps.domain import Domain
-from lenscal.maps.quantities import CAMERA_QUANTITIES, QUANTITIES, from_core
+from lenscal.maps.evaluation import Motor, Outside, slopes_at, supported, value_at, variance_at
+from lenscal.maps.pupil import PupilMap
+from lenscal.maps.pupil_quantities import PupilQuantities
+from lenscal.maps.quantities import CAMERA_QUANTITIES, QUANTITIES
 from lenscal.maps.surface import Surfaces
 from lenscal.sensor import Sensor
 from lenscal.setting import LensSetting
 
 if TYPE_CHECKING:
     from lenscal.maps.contours import SettingCurve
-
-Outside = Literal["raise", "nan"]
+    from lenscal.maps.inverse import SettingSolution
 
 
 @dataclass(frozen=True, eq=False)
-class LensMap:
+class LensMap(PupilQuantities):
     """What a lens does at every setting that samples support. Made by `fit_lens_map`.
 
     Parameters
@@ -52,6 +54,10 @@ class LensMap:
         The setting for which hand-eye was calibrated, or None.
     notes
         What a user should know, in words.
+    pupil
+        The entrance pupil, or None where no sample tells it.
+    pupil_samples
+        Samples of the entrance pupil besides those in `samples`, at other irises; or None.
     """
 
     samples: pd.DataFrame
@@ -61,6 +67,8 @@ class LensMap:
     sensor: Sensor | None = None
     reference_setting: LensSetting | None = None
     notes: tuple[str, ...] = field(default=())
+    pupil: PupilMap | None = None
+    pupil_samples: pd.DataFrame | None = None
 
     @property
     def has_standoff(self) -> bool:
@@ -73,120 +81,6 @@ class LensMap:
         robot = () if self.has_standoff else ("standoff_mm", "nodal_offset_mm")
         absent = {*robot, *(set(CAMERA_QUANTITIES) - set(self.camera_surfaces))}
         return tuple(name for name in QUANTITIES if name not in absent)
-
-    def magnification(
-        self, zoom: npt.ArrayLike, focus: npt.ArrayLike, *, outside: Outside = "raise"
-    ) -> FloatArray:
-        """Give the magnification ratio d/D.
-
-        Parameters
-        ----------
-        zoom, focus
-            Settings; they broadcast.
-        outside
-            What to do beyond the domain: raise, or give NaN there.
-
-        Returns
-        -------
-        FloatArray
-            d/D, of the broadcast shape.
-        """
-        return self.value("magnification", zoom, focus, outside=outside)
-
-    def object_distance_mm(
-        self, zoom: npt.ArrayLike, focus: npt.ArrayLike, *, outside: Outside = "raise"
-    ) -> FloatArray:
-        """Give the object distance D = g1(z_s, f_s), (5a).
-
-        Parameters
-        ----------
-        zoom, focus
-            Settings; they broadcast.
-        outside
-            What to do beyond the domain: raise, or give NaN there.
-
-        Returns
-        -------
-        FloatArray
-            D in mm, of the broadcast shape.
-        """
-        return self.value("object_distance_mm", zoom, focus, outside=outside)
-
-    def image_distance_mm(
-        self, zoom: npt.ArrayLike, focus: npt.ArrayLike, *, outside: Outside = "raise"
-    ) -> FloatArray:
-        """Give the image distance d = g2(z_s, f_s), (5b).
-
-        Parameters
-        ----------
-        zoom, focus
-            Settings; they broadcast.
-        outside
-            What to do beyond the domain: raise, or give NaN there.
-
-        Returns
-        -------
-        FloatArray
-            d in mm, of the broadcast shape.
-        """
-        return self.value("image_distance_mm", zoom, focus, outside=outside)
-
-    def focal_length_mm(
-        self, zoom: npt.ArrayLike, focus: npt.ArrayLike, *, outside: Outside = "raise"
-    ) -> FloatArray:
-        """Give the focal length f = g3(z_s, f_s), (5c), of 1/f = 1/D + 1/d.
-
-        Parameters
-        ----------
-        zoom, focus
-            Settings; they broadcast.
-        outside
-            What to do beyond the domain: raise, or give NaN there.
-
-        Returns
-        -------
-        FloatArray
-            f in mm, of the broadcast shape.
-        """
-        return self.value("focal_length_mm", zoom, focus, outside=outside)
-
-    def nodal_offset_mm(
-        self, zoom: npt.ArrayLike, focus: npt.ArrayLike, *, outside: Outside = "raise"
-    ) -> FloatArray:
-        """Give how far the projection centre lies behind that of the reference setting.
-
-        Parameters
-        ----------
-        zoom, focus
-            Settings; they broadcast.
-        outside
-            What to do beyond the domain: raise, or give NaN there.
-
-        Returns
-        -------
-        FloatArray
-            The offset in mm, of the broadcast shape.
-        """
-        return self.value("nodal_offset_mm", zoom, focus, outside=outside)
-
-    def standoff_mm(
-        self, zoom: npt.ArrayLike, focus: npt.ArrayLike, *, outside: Outside = "raise"
-    ) -> FloatArray:
-        """Give the distance from the reference projection centre to the sharp plane, D − offset.
-
-        Parameters
-        ----------
-        zoom, focus
-            Settings; they broadcast.
-        outside
-            What to do beyond the domain: raise, or give NaN there.
-
-        Returns
-        -------
-        FloatArray
-            The standoff in mm, of the broadcast shape.
-        """
-        return self.value("standoff_mm", zoom, focus, outside=outside)
 
     def value(
         self,
@@ -213,13 +107,15 @@ class LensMap:
             Of the broadcast shape.
         """
         self._require(quantity)
-        zooms, focuses = self._supported(zoom, focus, outside)
-        if quantity in CAMERA_QUANTITIES:
-            return np.asarray(self.camera_surfaces[quantity].value(zooms, focuses)[..., 0])
-        return from_core(quantity, self.core.value(zooms, focuses))[0]
+        return value_at(self, quantity, *supported(self.domain, zoom, focus, outside))
 
     def gradient(
-        self, quantity: str, zoom: npt.ArrayLike, focus: npt.ArrayLike
+        self,
+        quantity: str,
+        zoom: npt.ArrayLike,
+        focus: npt.ArrayLike,
+        *,
+        outside: Outside = "raise",
     ) -> tuple[FloatArray, FloatArray]:
         """Differentiate a quantity with respect to the settings.
 
@@ -228,7 +124,9 @@ class LensMap:
         quantity
             One of `quantities`.
         zoom, focus
-            Settings within the domain; they broadcast.
+            Settings; they broadcast.
+        outside
+            What to do beyond the domain: raise, or give NaN there.
 
         Returns
         -------
@@ -236,18 +134,48 @@ class LensMap:
             Derivatives per controller unit; 0 along an axis that was sampled at one value only.
         """
         self._require(quantity)
-        zooms, focuses = self._supported(zoom, focus, "raise")
-        surfaces = self.camera_surfaces.get(quantity, self.core)
-        slopes = [
-            surfaces.value(zooms, focuses, derivative) if axis.degree else np.zeros(1)
-            for axis, derivative in ((surfaces.zoom, (1, 0)), (surfaces.focus, (0, 1)))
-        ]
-        if quantity in CAMERA_QUANTITIES:
-            along = [np.broadcast_to(slope[..., 0], zooms.shape) for slope in slopes]
-        else:
-            weights = from_core(quantity, surfaces.value(zooms, focuses))[1]
-            along = [(weights * slope).sum(axis=-1) for slope in slopes]
-        return np.asarray(along[0]), np.asarray(along[1])
+        zooms, focuses = supported(self.domain, zoom, focus, outside)
+        along_zoom, along_focus = slopes_at(self, quantity, zooms, focuses, ("zoom", "focus"))
+        return along_zoom, along_focus
+
+    def derivative(
+        self,
+        quantity: str,
+        zoom: npt.ArrayLike,
+        focus: npt.ArrayLike,
+        *,
+        by: Motor,
+        outside: Outside = "raise",
+    ) -> FloatArray:
+        """Differentiate a quantity with respect to one motor.
+
+        Parameters
+        ----------
+        quantity
+            One of `quantities`.
+        zoom, focus
+            Settings; they broadcast.
+        by
+            The motor.
+        outside
+            What to do beyond the domain: raise, or give NaN there.
+
+        Returns
+        -------
+        FloatArray
+            Per controller unit, of the broadcast shape; 0 where that motor was sampled at one value
+            only.
+
+        Raises
+        ------
+        InputError
+            When there is no such motor.
+        """
+        if by not in ("zoom", "focus"):
+            raise InputError(f"a map is differentiated by 'zoom' or by 'focus', not by {by!r}")
+        self._require(quantity)
+        zooms, focuses = supported(self.domain, zoom, focus, outside)
+        return slopes_at(self, quantity, zooms, focuses, (by,))[0]
 
     def sigma(
         self,
@@ -274,22 +202,26 @@ class LensMap:
             1 σ in the unit of the quantity, of the broadcast shape.
         """
         self._require(quantity)
-        zooms, focuses = self._supported(zoom, focus, outside)
-        if quantity in CAMERA_QUANTITIES:
-            variance = self.camera_surfaces[quantity].covariance_at(zooms, focuses)[..., 0, 0]
-        else:
-            weights = from_core(quantity, self.core.value(zooms, focuses))[1]
-            covariance = self.core.covariance_at(zooms, focuses)
-            variance = np.einsum("...i,...ij,...j->...", weights, covariance, weights)
-        return np.sqrt(np.maximum(variance, 0.0))
+        zooms, focuses = supported(self.domain, zoom, focus, outside)
+        return np.sqrt(variance_at(self, quantity, zooms, focuses))
 
-    def camera_at(self, zoom: float, focus: float) -> Camera:
+    @overload
+    def camera_at(
+        self, zoom: float, focus: float, *, outside: Literal["raise"] = "raise"
+    ) -> Camera: ...
+
+    @overload
+    def camera_at(self, zoom: float, focus: float, *, outside: Outside) -> Camera | None: ...
+
+    def camera_at(self, zoom: float, focus: float, *, outside: Outside = "raise") -> Camera | None:
         """Give the camera at one setting.
 
         Parameters
         ----------
         zoom, focus
             The setting.
+        outside
+            What to do beyond the domain: raise, or give None, since no camera has NaN in it.
 
         Returns
         -------
@@ -306,11 +238,14 @@ class LensMap:
                 "this map was fitted without a sensor, so it has no camera; "
                 "give fit_lens_map(..., sensor=...)"
             )
+        image_distance_mm = float(self.image_distance_mm(zoom, focus, outside=outside))
+        if np.isnan(image_distance_mm):
+            return None
         known = {name: float(self.value(name, zoom, focus)) for name in self.camera_surfaces}
         centre = self.sensor.centre_px
         return Camera(
             self.sensor,
-            float(self.image_distance_mm(zoom, focus)),
+            image_distance_mm,
             known.get("k1_per_mm2", 0.0),
             np.array(
                 [
@@ -339,7 +274,7 @@ class LensMap:
 
         return trace(self, quantity, level)
 
-    def settings_for(self, **wanted: float) -> list[LensSetting]:
+    def settings_for(self, **wanted: float) -> list[SettingSolution]:
         """Find the settings at which two quantities have the wanted values.
 
         Parameters
@@ -349,8 +284,8 @@ class LensMap:
 
         Returns
         -------
-        list of LensSetting
-            All solutions within the domain; none when the list is empty.
+        list of SettingSolution
+            All solutions within the domain, each with its covariance; none when the list is empty.
         """
         from lenscal.maps.inverse import settings_for
 
@@ -424,30 +359,4 @@ class LensMap:
             )
         raise InputError(
             f"unknown quantity {quantity!r}; this map has {', '.join(self.quantities)}"
-        )
-
-    def _supported(
-        self, zoom: npt.ArrayLike, focus: npt.ArrayLike, outside: Outside
-    ) -> tuple[FloatArray, FloatArray]:
-        zooms, focuses = np.broadcast_arrays(
-            frozen_array("zoom", zoom, ("...",), finite=False),
-            frozen_array("focus", focus, ("...",), finite=False),
-        )
-        inside = self.domain.contains(zooms, focuses)
-        if inside.all():
-            return zooms, focuses
-        if outside == "nan":
-            return np.where(inside, zooms, np.nan), np.where(inside, focuses, np.nan)
-        first = np.flatnonzero(~inside.ravel())[0]
-        named = f"zoom {zooms.ravel()[first]:g}, focus {focuses.ravel()[first]:g}"
-        which = (
-            f"the setting ({named}) lies"
-            if inside.size == 1
-            else f"{(~inside).sum()} of {inside.size} settings, the first at {named}, lie"
-        )
-        raise OutOfDomainError(
-            f"{which} outside the map ({self.domain}); a map is never extrapolated: sample there, "
-            'or ask with outside="nan"',
-            self.domain,
-            ~inside,
         )

@@ -13,10 +13,13 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from lenscal.arrays import FloatArray
 from lenscal.document import Json, read_document, write_document
 from lenscal.errors import FileError
 from lenscal.maps.fit import fit_lens_map
 from lenscal.maps.lens_map import LensMap
+from lenscal.maps.pupil import PupilMap
+from lenscal.maps.surface import Surfaces
 from lenscal.sensor import Sensor
 from lenscal.setting import LensSetting
 
@@ -37,13 +40,16 @@ def to_json(lens_map: LensMap) -> Json:
     dict
         The body of its file.
     """
-    samples = lens_map.samples.replace({np.nan: None})
     surfaces = {"core": lens_map.core, **lens_map.camera_surfaces}
+    if lens_map.pupil is not None:
+        surfaces["pupil"] = lens_map.pupil.surface
+    further = lens_map.pupil_samples
     sensor, setting = lens_map.sensor, lens_map.reference_setting
     return {
         "sensor": sensor and dataclasses.asdict(sensor),
         "reference_setting": setting and dataclasses.astuple(setting),
         "notes": list(lens_map.notes),
+        "domain": lens_map.domain.outline.tolist(),
         "surfaces": {
             name: {
                 "zoom_knots": s.zoom.knots.tolist(),
@@ -54,8 +60,20 @@ def to_json(lens_map: LensMap) -> Json:
             }
             for name, s in surfaces.items()
         },
-        "samples": {str(c): samples[c].tolist() for c in samples.columns},
+        "irises": lens_map.pupil and _irises(lens_map.pupil),
+        "samples": _columns(lens_map.samples),
+        "pupil_samples": None if further is None else _columns(further),
     }
+
+
+def _columns(samples: pd.DataFrame) -> Json:
+    known = samples.replace({np.nan: None})
+    return {str(c): known[c].tolist() for c in known.columns}
+
+
+def _irises(pupil: PupilMap) -> Json:
+    irises = [None if np.isnan(iris) else iris for iris in pupil.irises.tolist()]
+    return {"iris": irises, "log_ratio": pupil.log_ratios.tolist()}
 
 
 def save(lens_map: LensMap, path: Path | str) -> Path:
@@ -92,21 +110,49 @@ def load(path: Path | str) -> LensMap:
     Raises
     ------
     FileError
-        When the file cannot be used, or its samples do not give its coefficients.
+        When the file cannot be used, or its samples do not give its coefficients or its domain.
     """
     body = read_document(path, KIND, VERSION)
-    setting = body["reference_setting"]
+    setting, further = body["reference_setting"], body.get("pupil_samples")
     found = fit_lens_map(
         pd.DataFrame(body["samples"]).astype({"zoom": float, "focus": float}),
         sensor=body["sensor"] and Sensor(**body["sensor"]),
         reference_setting=setting and LensSetting(*setting),
         log_smoothing={n: s["log_smoothing"] for n, s in body["surfaces"].items()},
+        # Older maps lack what follows.
+        pupil_samples=None if further is None else pd.DataFrame(further),
     )
     for name, stated in body["surfaces"].items():
-        surfaces = found.core if name == "core" else found.camera_surfaces[name]
+        surfaces = _surfaces(found, name, path)
         if not np.allclose(surfaces.coefficients, stated["coefficients"], rtol=1e-6, atol=1e-9):
             raise FileError(
                 f"{path} disagrees with itself: its samples do not give its coefficients of "
                 f"{name}; fit the map again from the table"
             )
+    # Files of the first maps do not state their domain.
+    stated = body.get("domain", found.domain.outline.tolist())
+    if not _same(found.domain.outline, stated):
+        raise FileError(
+            f"{path} disagrees with itself: its samples do not give its domain; fit the map again "
+            "from the table"
+        )
     return found
+
+
+def _same(outline: FloatArray, stated: list[list[float]]) -> bool:
+    """Whether the outline of a domain is the one stated, to rounding."""
+    other = np.asarray(stated, dtype=np.float64)
+    return other.shape == outline.shape and np.allclose(other, outline, rtol=1e-9, atol=1e-12)
+
+
+def _surfaces(lens_map: LensMap, name: str, path: Path | str) -> Surfaces:
+    if name == "core":
+        return lens_map.core
+    if name != "pupil":
+        return lens_map.camera_surfaces[name]
+    if lens_map.pupil is None:
+        raise FileError(
+            f"{path} disagrees with itself: it has an entrance pupil, but its samples give none; "
+            "fit the map again from the table"
+        )
+    return lens_map.pupil.surface

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -24,13 +24,58 @@ QUANTITIES: Final[dict[str, str]] = {
 CAMERA_QUANTITIES: Final = ("principal_point_x_px", "principal_point_y_px", "k1_per_mm2")
 
 
+#: Which core surfaces (ln d/D, ln D, ln standoff) a quantity is made of.
+CORE_SURFACES: Final[dict[str, tuple[int, ...]]] = {
+    "magnification": (0,),
+    "object_distance_mm": (1,),
+    "image_distance_mm": (0, 1),
+    "focal_length_mm": (0, 1),
+    "standoff_mm": (2,),
+    "nodal_offset_mm": (1, 2),
+}
+
+
+def from_logarithms(
+    quantity: str, logarithms: FloatArray
+) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    """Value of a core quantity, and its derivatives with respect to the surfaces it is made of.
+
+    Parameters
+    ----------
+    quantity
+        One of `CORE_SURFACES`.
+    logarithms
+        (..., S) values of those surfaces, in that order.
+
+    Returns
+    -------
+    value : FloatArray
+        (...).
+    weights : tuple of FloatArray
+        S arrays of that shape.
+    """
+    first = logarithms[..., 0]
+    if quantity == "image_distance_mm":
+        value = np.exp(first + logarithms[..., 1])
+        return value, (value, value)
+    if quantity == "focal_length_mm":  # 1/f = 1/D + 1/d with d = D · (d/D)
+        above = 1 + np.exp(first)
+        value = np.exp(first + logarithms[..., 1]) / above
+        return value, (value / above, value)
+    if quantity == "nodal_offset_mm":
+        distance, standoff = np.exp(first), np.exp(logarithms[..., 1])
+        return np.asarray(distance - standoff), (distance, -standoff)
+    value = np.exp(first)
+    return value, (value,)
+
+
 def from_core(quantity: str, core: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Value of a quantity, and its derivatives with respect to ln(d/D), ln D, ln standoff.
 
     Parameters
     ----------
     quantity
-        One of the core quantities or what follows from them.
+        One of `CORE_SURFACES`.
     core
         (..., Q) values of the core surfaces, Q = 2 or 3.
 
@@ -41,23 +86,8 @@ def from_core(quantity: str, core: FloatArray) -> tuple[FloatArray, FloatArray]:
     weights : FloatArray
         (..., Q).
     """
-    ratio, distance = np.exp(core[..., 0]), np.exp(core[..., 1])
-    none = np.zeros_like(ratio)
-    weights: list[Any]
-    if quantity == "magnification":
-        value, weights = ratio, [ratio, none, none]
-    elif quantity == "object_distance_mm":
-        value, weights = distance, [none, distance, none]
-    elif quantity == "image_distance_mm":
-        value = ratio * distance
-        weights = [value, value, none]
-    elif quantity == "focal_length_mm":  # 1/f = 1/D + 1/d with d = D · (d/D)
-        value = ratio * distance / (1 + ratio)
-        weights = [value / (1 + ratio), value, none]
-    else:
-        standoff = np.exp(core[..., 2])
-        if quantity == "standoff_mm":
-            value, weights = standoff, [none, none, standoff]
-        else:
-            value, weights = distance - standoff, [none, distance, -standoff]
-    return np.asarray(value), np.stack(weights[: core.shape[-1]], axis=-1)
+    surfaces = list(CORE_SURFACES[quantity])
+    value, some = from_logarithms(quantity, core[..., surfaces])
+    weights = np.zeros(core.shape)
+    weights[..., surfaces] = np.stack(some, axis=-1)
+    return np.asarray(value), weights

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 from scipy import linalg
-from scipy.interpolate import BSpline
+from scipy.interpolate import BPoly, BSpline
 
-from lenscal.arrays import FloatArray
+from lenscal.arrays import FloatArray, IntArray
 
 #: More knot intervals than this per axis serve no lens and cost time.
 _MOST_INTERVALS: Final = 24
@@ -82,6 +83,56 @@ class SplineAxis:
         inside = np.clip(values, self.knots[0], self.knots[-1])
         matrix: FloatArray = BSpline.design_matrix(inside, self.knots, self.degree).toarray()
         return matrix
+
+    @cached_property
+    def breaks(self) -> FloatArray:
+        """(M + 1,) borders of the M intervals between different knots."""
+        return np.unique(self.knots)
+
+    def supports(self) -> IntArray:
+        """(M, degree + 1) indices of the basis functions that are not zero on each interval."""
+        last = np.searchsorted(self.knots, self.breaks[:-1], side="right") - 1
+        return np.asarray(last[:, None] + np.arange(-self.degree, 1), dtype=np.int64)
+
+    def pieces(self) -> FloatArray:
+        """Give the basis functions as polynomials on each interval.
+
+        Returns
+        -------
+        FloatArray
+            (M, degree + 1, degree + 1) Bernstein coefficients on each interval, of the basis
+            functions that `supports` names, last.
+        """
+        nodes = np.linspace(0, 1, self.degree + 1) if self.degree else np.array([0.5])
+        start, width = self.breaks[:-1], np.diff(self.breaks)
+        where = start[:, None] + width[:, None] * nodes
+        values = self.design(where.ravel()).reshape(*where.shape, self.size)
+        local = np.take_along_axis(values, self.supports()[:, None, :], axis=2)
+        at_nodes = BPoly(np.eye(self.degree + 1)[:, None, :], [0.0, 1.0])(nodes)
+        return np.asarray(np.linalg.solve(at_nodes, local))
+
+    def place(self, values: FloatArray, *, continued: bool) -> tuple[IntArray, FloatArray]:
+        """Find the interval of each setting and the place within it.
+
+        Parameters
+        ----------
+        values
+            (N,) settings; those beyond the ends belong to the outermost intervals.
+        continued
+            Whether a place may lie beyond its interval; else it is that of the nearest end.
+
+        Returns
+        -------
+        interval : IntArray
+            (N,) 0 to M − 1.
+        place : FloatArray
+            (N,) 0 to 1 over the interval, NaN for NaN.
+        """
+        interval = np.searchsorted(self.breaks[1:-1], values, side="right")
+        place = (values - self.breaks[interval]) / np.diff(self.breaks)[interval]
+        if not continued:
+            np.clip(place, 0.0, 1.0, out=place)
+        return interval, place
 
     def roughness(self) -> tuple[FloatArray, FloatArray]:
         """Diagonalise the integral of the squared second derivative.

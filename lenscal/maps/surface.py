@@ -7,6 +7,7 @@ How smooth each is along each axis is what the data make most likely (REML). Der
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -14,19 +15,17 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from scipy import linalg
-from scipy.interpolate import NdBSpline
 from scipy.optimize import minimize
 
 from lenscal.arrays import FloatArray, frozen_array
 from lenscal.errors import MapError
 from lenscal.maps.spline_axis import SplineAxis, tensor_design
+from lenscal.maps.tensor_pieces import covariance_pieces, evaluate, surface_pieces
 
 #: Range of the logarithm of smoothing, about the value at which data and penalty weigh the same.
 _SMOOTHING_RANGE: Final = (-20.0, 15.0)
 #: Where the search for the smoothing starts.
 _SMOOTHING_STARTS: Final = (-12.0, -6.0, 0.0)
-#: Points whose variance is computed at a time, to bound the memory.
-_CHUNK: Final = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,69 +62,90 @@ class Surfaces:
             object.__setattr__(self, name, array)
 
     @cached_property
-    def _spline(self) -> NdBSpline:
-        axes = (self.zoom, self.focus)
-        return NdBSpline(
-            tuple(axis.knots for axis in axes), self.coefficients, tuple(a.degree for a in axes)
-        )
+    def _pieces(self) -> dict[tuple[int, int], FloatArray]:
+        """Surfaces per cell by order of derivative, as they were needed."""
+        return {}
+
+    @cached_property
+    def _covariance_pieces(self) -> dict[tuple[int, int], FloatArray]:
+        """Covariance of two surfaces per cell, as they were needed."""
+        return {}
 
     def value(
-        self, zoom: FloatArray, focus: FloatArray, derivative: tuple[int, int] = (0, 0)
+        self,
+        zoom: FloatArray,
+        focus: FloatArray,
+        derivative: tuple[int, int] = (0, 0),
+        *,
+        only: Sequence[int] | None = None,
     ) -> FloatArray:
-        """Evaluate all surfaces or their derivatives.
+        """Evaluate surfaces or their derivatives.
 
         Parameters
         ----------
         zoom, focus
-            (...) settings of equal shape; NaN gives NaN.
+            (...) settings of equal shape; NaN gives NaN. Beyond the knots the outermost polynomials
+            go on.
         derivative
             How often to differentiate along zoom and along focus.
+        only
+            Indices of the surfaces wanted; None for all Q.
 
         Returns
         -------
         FloatArray
-            (..., Q).
+            (..., Q), or as many as are wanted.
         """
-        points = np.stack([zoom, focus], axis=-1)
-        unknown = np.asarray(np.isnan(points).any(axis=-1))
-        low = [axis.knots[0] for axis in (self.zoom, self.focus)]
-        values: FloatArray = self._spline(np.where(unknown[..., None], low, points), nu=derivative)
-        values[unknown] = np.nan
-        return values
+        if derivative not in self._pieces:
+            self._pieces[derivative] = surface_pieces(
+                self.zoom, self.focus, self.coefficients, derivative
+            )
+        pieces = self._pieces[derivative]
+        if only is not None:
+            pieces = pieces[list(only)]
+        values = evaluate(
+            (self.zoom, self.focus), pieces, np.ravel(zoom), np.ravel(focus), continued=True
+        )
+        return np.moveaxis(values, 0, -1).reshape(*np.shape(zoom), len(pieces))
 
-    def covariance_at(self, zoom: FloatArray, focus: FloatArray) -> FloatArray:
-        """Give the posterior covariance of the Q surfaces at each setting.
+    def covariance_at(
+        self, zoom: FloatArray, focus: FloatArray, *, only: Sequence[int] | None = None
+    ) -> FloatArray:
+        """Give the posterior covariance of surfaces at each setting.
 
         Parameters
         ----------
         zoom, focus
-            (...) settings of equal shape; NaN gives NaN.
+            (...) settings of equal shape; NaN gives NaN. Beyond the knots the values at their ends
+            are kept.
+        only
+            Indices of the surfaces wanted; None for all Q.
 
         Returns
         -------
         FloatArray
-            (..., Q, Q).
+            (..., Q, Q), or as many as are wanted.
         """
-        shape, count = zoom.shape, self.coefficients.shape[2]
-        flat_zoom, flat_focus = zoom.ravel(), focus.ravel()
-        unknown = np.isnan(flat_zoom) | np.isnan(flat_focus)
-        size = self.zoom.size * self.focus.size
-        blocks = self.covariance.reshape(size, count, size, count).transpose(1, 3, 0, 2)
-        result = np.zeros((flat_zoom.size, count, count))
-        for start in range(0, flat_zoom.size, _CHUNK):
-            part = slice(start, start + _CHUNK)
-            design = tensor_design(
-                self.zoom,
-                self.focus,
-                np.where(unknown, self.zoom.knots[0], flat_zoom)[part],
-                np.where(unknown, self.focus.knots[0], flat_focus)[part],
+        chosen = range(self.coefficients.shape[2]) if only is None else only
+        pairs = [(a, b) for a in range(len(chosen)) for b in range(a + 1)]
+        pieces = np.concatenate([self._covariance_of(chosen[a], chosen[b]) for a, b in pairs])
+        values = evaluate(
+            (self.zoom, self.focus), pieces, np.ravel(zoom), np.ravel(focus), continued=False
+        )
+        result = np.zeros((len(chosen), len(chosen), values.shape[1]))
+        for (a, b), shared in zip(pairs, values, strict=True):
+            result[a, b] = result[b, a] = shared
+        return np.moveaxis(result, -1, 0).reshape(*np.shape(zoom), len(chosen), len(chosen))
+
+    def _covariance_of(self, first: int, second: int) -> FloatArray:
+        """Covariance of two surfaces as polynomials per cell."""
+        if (first, second) not in self._covariance_pieces:
+            shape = self.coefficients.shape
+            blocks = self.covariance.reshape(*shape, *shape)
+            self._covariance_pieces[first, second] = covariance_pieces(
+                self.zoom, self.focus, blocks[:, :, first, :, :, second]
             )
-            for i in range(count):
-                for j in range(i + 1):
-                    shared = np.einsum("nk,nk->n", design @ blocks[i, j], design)
-                    result[part, i, j] = result[part, j, i] = shared
-        result[unknown] = np.nan
-        return result.reshape(*shape, count, count)
+        return self._covariance_pieces[first, second]
 
 
 def fit_surfaces(

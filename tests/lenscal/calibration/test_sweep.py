@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from lenscal.calibration.sweep import Job, SweepOptions, calibrate_recording, calibrate_setting
-from lenscal.calibration.table import COLUMNS, CORRELATED, CalibrationTable
+from lenscal.calibration.table import COLUMNS, CORRELATED, VERSION, CalibrationTable
 from lenscal.calibration.table_row import standoff_mm as standoff_of
 from lenscal.camera import Camera
 from lenscal.document import read_document, write_document
@@ -89,6 +89,35 @@ def test_every_setting_is_calibrated_within_its_errors(table):
         assert abs(row["nodal_y_mm"]) < 4 * row["sigma_nodal_y_mm"]
         assert row["approach"] == "from_above"
         assert (row["views"], row["rejected_corners"]) == (5, 0)
+
+
+def test_the_focus_curve_gives_the_pupil_or_the_reason_why_not(recording, table):
+    """The first setting is given the curve of a pupil of 12 mm; the other has none."""
+    image, objective, _ = TRUTH[(10.0, 1.0)]
+    old = recording.settings[0].focus
+    standoffs = np.linspace(old.distance_mm - 20, old.distance_mm + 20, 15)
+    z = standoffs - old.distance_mm + objective
+    blur_px = 3 * np.pi**2 / 32 * 12.0 * image * (1 / z - 1 / objective) / SENSOR.pitch_x_mm
+    curve = {"curve_standoff_mm": standoffs, "curve_sharpness": (4 + blur_px**2) ** -0.5}
+    first = replace(recording.settings[0], focus=replace(old, **curve))
+    measured = calibrate_recording(replace(recording, settings=(first, recording.settings[1])))
+    rows = measured.to_dataframe()
+    assert (rows["sharpest_confidence"] == 0.9).all()
+    assert (rows["pupil_iris"] == 1.0).all()
+    diameter, sigma = rows.loc[
+        0, ["entrance_pupil_diameter_mm", "sigma_entrance_pupil_diameter_mm"]
+    ]
+    assert abs(diameter - 12.0) < 3 * np.hypot(
+        sigma, 12.0 * rows["sigma_object_distance_mm"][0] / objective
+    )
+    assert 0.01 * 12 < sigma < 0.03 * 12
+    assert rows["entrance_pupil_diameter_mm"].isna()[1]
+    assert measured.evidence[0]["entrance_pupil_unknown"] is None
+    assert "has 0 pictures about its peak" in measured.evidence[1]["entrance_pupil_unknown"]
+    blind = replace(recording.settings[0], focus=None)
+    lost = calibrate_recording(replace(recording, settings=(blind,)))
+    assert lost.rows[["sharpest_confidence", "pupil_iris"]].isna().all().all()
+    assert "no autofocus was recorded" in lost.evidence[0]["entrance_pupil_unknown"]
 
 
 def min_first(*names):
@@ -186,17 +215,19 @@ def test_a_free_scale_factor_has_a_column(recording):
     assert (rows["sigma_scale_factor"] < 1e-3).all()
 
 
-def test_tables_of_the_first_version_are_read(table, tmp_path):
+@pytest.mark.parametrize("version", range(1, VERSION))
+def test_tables_of_older_versions_are_read(table, tmp_path, version):
     """They lack columns; what these hold is not known."""
     path = table.save(tmp_path / "table.csv")
-    rows = table.to_dataframe().drop(columns=["nodal_x_mm", "temperature_c"])
+    lacking = ["nodal_x_mm", "temperature_c", "pupil_iris", "entrance_pupil_diameter_mm"]
+    rows = table.to_dataframe().drop(columns=lacking)
     path.write_text(rows.to_csv(index=False, lineterminator="\n"))
-    body = read_document(path.with_suffix(".json"), "calibration-table", 2)
+    body = read_document(path.with_suffix(".json"), "calibration-table", VERSION)
     del body["version"]
     body["csv_sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
-    write_document(path.with_suffix(".json"), "calibration-table", 1, body)
+    write_document(path.with_suffix(".json"), "calibration-table", version, body)
     again = CalibrationTable.load(path).to_dataframe()
-    assert again["nodal_x_mm"].isna().all()
+    assert again[lacking].isna().all().all()
     pd.testing.assert_series_equal(again["magnification"], table.rows["magnification"])
 
 
@@ -298,11 +329,11 @@ def test_altered_evidence_is_refused(table, tmp_path):
 
 def test_missing_and_newer_files_are_refused(table, tmp_path):
     path = table.save(tmp_path / "table.csv")
-    body = read_document(path.with_suffix(".json"), "calibration-table", 2)
+    body = read_document(path.with_suffix(".json"), "calibration-table", VERSION)
     del body["version"]
-    write_document(path.with_suffix(".json"), "calibration-table", 3, body)
+    write_document(path.with_suffix(".json"), "calibration-table", VERSION + 1, body)
     with pytest.raises(
-        FileError, match="has version 3 of the calibration-table form; this lenscal"
+        FileError, match=f"has version {VERSION + 1} of the calibration-table form; this lenscal"
     ):
         CalibrationTable.load(path)
     with pytest.raises(FileError, match="a calibration table is a .csv file, but 'table.txt'"):

@@ -37,6 +37,54 @@ def test_outside_may_be_nan(lens_map):
     assert np.isnan(lens_map.sigma("focal_length_mm", [95.0, 111.0], 80.0, outside="nan")[1])
 
 
+def test_every_question_may_be_answered_with_nan(lens_map):
+    zoom = [95.0, 111.0, np.nan]
+    for quantity in lens_map.quantities:
+        answers = [
+            lens_map.value(quantity, zoom, 80.0, outside="nan"),
+            lens_map.sigma(quantity, zoom, 80.0, outside="nan"),
+            lens_map.derivative(quantity, zoom, 80.0, by="focus", outside="nan"),
+            *lens_map.gradient(quantity, zoom, 80.0, outside="nan"),
+        ]
+        for answer in answers:
+            assert np.isnan(answer).tolist() == [False, True, True], quantity
+    named = ("magnification", "object_distance_mm", "image_distance_mm", "focal_length_mm")
+    for name in (*named, "standoff_mm", "nodal_offset_mm"):
+        np.testing.assert_array_equal(
+            getattr(lens_map, name)(zoom, 80.0, outside="nan"),
+            lens_map.value(name, zoom, 80.0, outside="nan"),
+        )
+    assert lens_map.camera_at(111.0, 80.0, outside="nan") is None
+    inside = lens_map.camera_at(95.0, 80.0, outside="nan")
+    assert inside.image_distance_mm == lens_map.camera_at(95.0, 80.0).image_distance_mm
+    with pytest.raises(OutOfDomainError, match="the setting .zoom 111, focus 80. lies outside"):
+        lens_map.camera_at(111.0, 80.0)
+
+
+def test_questions_that_make_no_sense(lens_map):
+    with pytest.raises(InputError, match="outside must be 'raise' or 'nan', but is 'clip'"):
+        lens_map.magnification(95.0, 80.0, outside="clip")
+    with pytest.raises(InputError, match=r"zoom of shape \(2,\) and focus of shape \(3,\) do not"):
+        lens_map.magnification([95.0, 96.0], [80.0, 81.0, 82.0])
+    with pytest.raises(InputError, match="by 'zoom' or by 'focus', not by 'iris'"):
+        lens_map.derivative("magnification", 95.0, 80.0, by="iris")
+
+
+def test_a_strip_is_not_bridged(lens):
+    """At 100 the strip of a lens that is not parfocal bends; the hull would be asked there."""
+    zoom = np.repeat(np.linspace(90, 110, 7), 5)
+    low = 60 + 40 * (1 - ((zoom - 100) / 10) ** 2)
+    samples = lens.sample(zoom, low + np.tile(np.linspace(0, 40, 5), 7))
+    strip = fit_lens_map(samples, log_smoothing={"core": np.full((3, 2), -5.0)})
+    assert np.isfinite(strip.sigma("focal_length_mm", [90.0, 100.0], [60.0, 100.0])).all()
+    with pytest.raises(
+        OutOfDomainError,
+        match="1 of 2 settings, the first at zoom 100, focus 75, lie outside the map .a part of",
+    ) as caught:
+        strip.magnification([100.0, 100.0], [75.0, 120.0])
+    assert caught.value.mask.tolist() == [True, False]
+
+
 @pytest.mark.parametrize("quantity", ["magnification", "focal_length_mm", "nodal_offset_mm"])
 def test_gradients_agree_with_differences(lens_map, quantity):
     step = 1e-5
@@ -46,6 +94,22 @@ def test_gradients_agree_with_differences(lens_map, quantity):
         high = lens_map.value(quantity, zoom + dz, focus + df)
         low = lens_map.value(quantity, zoom - dz, focus - df)
         assert along[i] == pytest.approx((high - low) / (2 * step), rel=1e-5)
+
+
+@pytest.mark.parametrize("quantity", ["image_distance_mm", "standoff_mm", "k1_per_mm2"])
+def test_derivatives_by_one_motor_are_the_gradient(lens_map, quantity):
+    zoom, focus = np.array([[91.0], [97.3]]), np.array([61.0, 83.1, 140.0])
+    along = lens_map.gradient(quantity, zoom, focus)
+    for motor, expected in zip(("zoom", "focus"), along, strict=True):
+        found = lens_map.derivative(quantity, zoom, focus, by=motor)
+        assert found.shape == (2, 3)
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_motor_sampled_at_one_value_has_no_slope(lens):
+    line = fit_lens_map(lens.sample(np.linspace(90, 110, 5), np.full(5, 80.0)))
+    assert line.derivative("magnification", 95.0, 80.0, by="focus") == 0
+    assert line.derivative("magnification", 95.0, 80.0, by="zoom") > 0
 
 
 def test_sigma_of_derived_quantities_agrees_with_sampling(lens, grid):
@@ -104,6 +168,24 @@ def test_a_file_that_disagrees_with_itself_is_refused(lens_map, tmp_path):
         LensMap.load(path)
 
 
+def test_a_file_whose_domain_was_altered_is_refused(lens_map, tmp_path):
+    from lenscal.document import write_document
+
+    path = lens_map.save(tmp_path / "map.json")
+    body = json.loads(path.read_text())
+    for key in ("lenscal", "version", "sha256"):
+        del body[key]
+    assert body["domain"] == [[90, 60], [110, 60], [110, 140], [90, 140]]
+    body["domain"][1] = [120, 60]
+    write_document(path, "lens-map", 1, body)
+    with pytest.raises(FileError, match="its samples do not give its domain; fit the map again"):
+        LensMap.load(path)
+    # Maps of the first versions do not state it.
+    del body["domain"]
+    write_document(path, "lens-map", 1, body)
+    assert LensMap.load(path).digest == lens_map.digest
+
+
 def test_contours_lie_on_their_level_and_end_at_the_border(lens_map):
     curves = lens_map.contour("magnification", 0.2)
     assert len(curves) == 1
@@ -143,9 +225,9 @@ def test_a_line_has_no_contours(lens):
         line.contour("magnification", 0.2)
 
 
-def test_a_scattered_domain_is_its_hull():
+def test_few_scattered_settings_are_their_hull():
     domain = Domain.around(np.array([0.0, 2.0, 1.0, 1.0]), np.array([0.0, 0.0, 1.0, 0.5]))
-    assert len(domain.corners) == 3
+    assert len(domain.outline) == 3
     inside = domain.contains([1.0, 0.1, 2.0, np.nan], [0.9, 0.9, 0.0, 0.0])
     assert inside.tolist() == [True, False, True, False]
-    assert str(domain) == "zoom 0 to 2 and focus 0 to 1"
+    assert str(domain) == "a part of zoom 0 to 2 and focus 0 to 1"
