@@ -17,7 +17,9 @@ from lenscal.maps.lens_map import LensMap
 from lenscal.maps.pupil import PupilMap
 from lenscal.maps.pupil_fit import PUPIL_COLUMNS, fit_pupil_of_table
 from lenscal.maps.quantities import CAMERA_QUANTITIES
-from lenscal.maps.surface import Surfaces, fit_surfaces
+from lenscal.maps.strip import Strip
+from lenscal.maps.surface import Surfaces
+from lenscal.maps.tame_surfaces import fit_tame_surfaces, tame_powers, unmix
 from lenscal.sensor import Sensor
 from lenscal.setting import LensSetting
 
@@ -25,6 +27,11 @@ if TYPE_CHECKING:
     from lenscal.calibration.table import CalibrationTable
 
 _NEEDED: Final = ("zoom", "focus", "magnification", "object_distance_mm")
+#: (ln d/D, ln D, ln standoff) of (ln d/D, ln D/standoff, ln standoff), which are the splines
+#: where D and the standoff bend alike: the standoff is known so much better.
+_MIXING: Final = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
+#: Samples on a grid from which the data choose the coordinate: its trend takes three of them.
+_ENOUGH_TO_TELL: Final = 36
 _POSITIVE: Final = ("magnification", "object_distance_mm", "standoff_mm")
 
 
@@ -49,7 +56,8 @@ def fit_lens_map(
     sensor, reference_setting
         What the table does not carry itself.
     log_smoothing
-        A smoothing that was chosen before, by name of the surface; None to let the data choose.
+        A smoothing that was chosen before, by name of the surface, and under ``core_powers`` and
+        ``core_mixing`` the coordinates; None to let the data choose.
     pupil_samples
         Further samples of the entrance pupil, such as the rows of a session whose autofocus was
         made at another iris: zoom, focus, image_distance_mm, pupil_iris,
@@ -75,13 +83,22 @@ def fit_lens_map(
     chosen: Mapping[str, Any] = log_smoothing or {}
     names, covariances, notes = _core_covariances(samples)
     zoom, focus = (samples[name].to_numpy(float) for name in ("zoom", "focus"))
-    core = fit_surfaces(
+    unknown = covariances is None
+    if covariances is None:
+        covariances = np.tile(np.eye(len(names)), (len(zoom), 1, 1))
+    logarithms = np.log(samples[list(names)].to_numpy(float))
+    powers, mixing = (chosen.get(key) for key in ("core_powers", "core_mixing"))
+    if powers is None:
+        powers, mixing = _coordinates(zoom, focus, logarithms, covariances, unknown)
+    core = fit_tame_surfaces(
         zoom,
         focus,
-        np.log(samples[list(names)].to_numpy(float)),
-        covariances if covariances is not None else np.tile(np.eye(len(names)), (len(zoom), 1, 1)),
-        estimate_noise=covariances is None,
+        logarithms,
+        covariances,
+        estimate_noise=unknown,
         log_smoothing=chosen.get("core"),
+        powers=powers,
+        mixing=mixing,
     )
     camera_surfaces = {
         name: _single_surface(samples, name, chosen.get(name))
@@ -100,6 +117,35 @@ def fit_lens_map(
         pupil=pupil,
         pupil_samples=pupil_samples,
     )
+
+
+def _coordinates(
+    zoom: FloatArray,
+    focus: FloatArray,
+    logarithms: FloatArray,
+    covariances: FloatArray,
+    unknown: bool,
+) -> tuple[FloatArray, FloatArray]:
+    """Powers and mixing in which the data are most likely.
+
+    Logarithms will do for a few samples on a grid, which could not tell; a strip runs into
+    distances where they fall off a cliff. D given the standoff is as likely as D / standoff given
+    it: whether the splines are of the one or of the other is decided by their likelihoods.
+    """
+    count = logarithms.shape[1]
+    if len(zoom) < _ENOUGH_TO_TELL and Strip.through(zoom, focus).ends is None:
+        return np.zeros(count), np.eye(count)
+    powers, criteria = tame_powers(zoom, focus, logarithms, covariances, estimate_noise=unknown)
+    if count < 3:
+        return powers, np.eye(count)
+    ratio, spread, _ = unmix(logarithms, covariances, _MIXING)
+    power, criterion = tame_powers(
+        zoom, focus, ratio[:, 1:2], spread[:, 1:2, 1:2], estimate_noise=unknown
+    )
+    if criterion[0] >= criteria[1]:
+        return powers, np.eye(count)
+    powers[1] = power[0]
+    return powers, _MIXING
 
 
 def _pupil(
@@ -232,7 +278,7 @@ def _single_surface(samples: pd.DataFrame, name: str, log_smoothing: Any) -> Sur
     sigma = f"sigma_{name}"
     known = sigma in samples and bool(samples[sigma].notna().all())
     variance = samples[sigma].to_numpy(float) ** 2 if known else np.ones(len(samples))
-    return fit_surfaces(
+    return fit_tame_surfaces(
         samples["zoom"],
         samples["focus"],
         samples[[name]].to_numpy(float),

@@ -26,6 +26,7 @@ from lenscal.maps.pupil import PupilMap
 from lenscal.maps.pupil_quantities import PupilQuantities
 from lenscal.maps.quantities import CAMERA_QUANTITIES, QUANTITIES
 from lenscal.maps.surface import Surfaces
+from lenscal.maps.tame_surfaces import TameSurfaces
 from lenscal.sensor import Sensor
 from lenscal.setting import LensSetting
 
@@ -61,7 +62,7 @@ class LensMap(PupilQuantities):
     """
 
     samples: pd.DataFrame
-    core: Surfaces
+    core: TameSurfaces
     camera_surfaces: Mapping[str, Surfaces]
     domain: Domain
     sensor: Sensor | None = None

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from lenscal.arrays import FloatArray
@@ -59,6 +60,10 @@ def to_json(lens_map: LensMap) -> Json:
                 "coefficients": s.coefficients.tolist(),
             }
             for name, s in surfaces.items()
+        },
+        "core_coordinates": {
+            "powers": lens_map.core.powers.tolist(),
+            "mixing": lens_map.core.mixing.tolist(),
         },
         "irises": lens_map.pupil and _irises(lens_map.pupil),
         "samples": _columns(lens_map.samples),
@@ -118,13 +123,13 @@ def load(path: Path | str) -> LensMap:
         pd.DataFrame(body["samples"]).astype({"zoom": float, "focus": float}),
         sensor=body["sensor"] and Sensor(**body["sensor"]),
         reference_setting=setting and LensSetting(*setting),
-        log_smoothing={n: s["log_smoothing"] for n, s in body["surfaces"].items()},
+        log_smoothing=_chosen(body),
         # Older maps lack what follows.
         pupil_samples=None if further is None else pd.DataFrame(further),
     )
     for name, stated in body["surfaces"].items():
-        surfaces = _surfaces(found, name, path)
-        if not np.allclose(surfaces.coefficients, stated["coefficients"], rtol=1e-6, atol=1e-9):
+        mine, its = _surfaces(found, name, path).coefficients, np.array(stated["coefficients"])
+        if mine.shape != its.shape or not np.allclose(mine, its, rtol=1e-6, atol=1e-9):
             raise FileError(
                 f"{path} disagrees with itself: its samples do not give its coefficients of "
                 f"{name}; fit the map again from the table"
@@ -137,6 +142,13 @@ def load(path: Path | str) -> LensMap:
             "from the table"
         )
     return found
+
+
+def _chosen(body: Json) -> dict[str, npt.ArrayLike]:
+    """What the data chose when the map was fitted, so that it need not be chosen again."""
+    chosen = {name: surface["log_smoothing"] for name, surface in body["surfaces"].items()}
+    coordinates = body.get("core_coordinates", {})
+    return chosen | {f"core_{name}": np.array(value) for name, value in coordinates.items()}
 
 
 def _same(outline: FloatArray, stated: list[list[float]]) -> bool:

@@ -12,6 +12,11 @@ from scipy.interpolate import BPoly, BSpline
 
 from lenscal.arrays import FloatArray, IntArray
 
+#: Distinct values along an axis, and samples in all, from which a third derivative is worth having.
+_SMOOTH_VALUES: Final = 7
+_SMOOTH_SAMPLES: Final = 36
+#: Share of the range by which values may differ and are still one.
+_ROUNDING: Final = 1e-6
 #: More knot intervals than this per axis serve no lens and cost time.
 _MOST_INTERVALS: Final = 24
 
@@ -25,7 +30,7 @@ class SplineAxis:
     knots
         (K + degree + 1,) knots in controller units, ends repeated.
     degree
-        Degree of the pieces, at most 3; 0 means that the axis has one sampled value only.
+        Degree of the pieces, at most 5; 0 means that the axis has one sampled value only.
     """
 
     knots: FloatArray
@@ -43,12 +48,16 @@ class SplineAxis:
         Returns
         -------
         SplineAxis
-            Cubic from four different values on, lower below.
+            Cubic from four different values on, lower below; quintic where samples are many.
         """
         unique = np.unique(values)
+        # What differs by rounding is one value.
+        apart = np.diff(unique, prepend=-np.inf) > _ROUNDING * np.ptp(values)
+        unique = unique[apart | (len(unique) == 1)]
         if len(unique) == 1:
             return cls(np.array([unique[0] - 0.5, unique[0] + 0.5]), 0)
-        degree = min(3, len(unique) - 1)
+        many = len(unique) >= _SMOOTH_VALUES and len(values) >= _SMOOTH_SAMPLES
+        degree = 5 if many else min(3, len(unique) - 1)
         breaks = unique
         if len(unique) - 1 > _MOST_INTERVALS:
             breaks = np.quantile(unique, np.linspace(0, 1, _MOST_INTERVALS + 1))
@@ -58,6 +67,11 @@ class SplineAxis:
     def size(self) -> int:
         """Count of basis functions K."""
         return len(self.knots) - self.degree - 1
+
+    @property
+    def penalised_derivative(self) -> int:
+        """Which derivative is roughness: the second, and the third of quintics."""
+        return 3 if self.degree == 5 else 2
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -135,16 +149,17 @@ class SplineAxis:
         return interval, place
 
     def roughness(self) -> tuple[FloatArray, FloatArray]:
-        """Diagonalise the integral of the squared second derivative.
+        """Diagonalise the integral of the squared derivative that is penalised.
 
         Returns
         -------
         basis : FloatArray
             (K, K) whose columns are orthonormal functions over the axis, scaled to unit length.
         eigenvalues : FloatArray
-            (K,) roughness of each column, ascending; 0 for constant and linear ones.
+            (K,) roughness of each column, ascending; 0 for polynomials that the penalty spares.
         """
-        if self.degree < 2:
+        order = self.penalised_derivative
+        if self.degree < order:
             return np.eye(self.size), np.zeros(self.size)
         span = self.knots[-1] - self.knots[0]
         nodes, weights = np.polynomial.legendre.leggauss(self.degree + 1)
@@ -153,10 +168,11 @@ class SplineAxis:
         where = (breaks[:-1, None] + half * (nodes + 1)).ravel()
         weight = (half * weights).ravel() / span
         values = self.design(where)
-        bend = span**2 * BSpline(self.knots, np.eye(self.size), self.degree).derivative(2)(where)
+        splines = BSpline(self.knots, np.eye(self.size), self.degree)
+        bend = span**order * splines.derivative(order)(where)
         mass = values.T @ (weight[:, None] * values)
         eigenvalues, basis = linalg.eigh(bend.T @ (weight[:, None] * bend), mass)
-        eigenvalues[:2] = 0.0
+        eigenvalues[:order] = 0.0
         return basis, eigenvalues
 
 

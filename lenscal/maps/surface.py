@@ -44,6 +44,8 @@ class Surfaces:
         (Q, 2) natural logarithm of the smoothing along zoom and focus, about the neutral value.
     noise_scale
         Variance of the data over the stated one; 1 unless it had to be estimated.
+    criterion
+        Minus twice the restricted log-likelihood, up to a constant.
     """
 
     zoom: SplineAxis
@@ -52,6 +54,7 @@ class Surfaces:
     covariance: FloatArray
     log_smoothing: FloatArray
     noise_scale: float = 1.0
+    criterion: float = np.nan
 
     def __post_init__(self) -> None:
         shape = (self.zoom.size, self.focus.size, "Q")
@@ -203,6 +206,7 @@ def fit_surfaces(
         covariance=scale * (spread.T @ spread),
         log_smoothing=smoothing,
         noise_scale=scale,
+        criterion=problem.criterion(smoothing, estimate_noise),
     )
 
 

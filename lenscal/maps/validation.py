@@ -183,9 +183,11 @@ def _by_map(samples: pd.DataFrame, choose_smoothing: bool) -> _Predict:
     """Predict by lens maps, all quantities together."""
     full = fit_lens_map(samples)
     stated = _with_sigmas(full)
-    smoothing = {"core": full.core.log_smoothing} | {
-        name: surface.log_smoothing for name, surface in full.camera_surfaces.items()
-    }
+    smoothing = {
+        "core": full.core.log_smoothing,
+        "core_powers": full.core.powers,
+        "core_mixing": full.core.mixing,
+    } | {name: surface.log_smoothing for name, surface in full.camera_surfaces.items()}
     measured, own = _measured(stated, full)
 
     def predict(rows: IntArray) -> dict[str, FloatArray]:

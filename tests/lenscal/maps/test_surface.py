@@ -101,15 +101,6 @@ def test_covariances_are_those_of_the_whole_covariance_matrix(surfaces):
     np.testing.assert_array_equal(found, np.swapaxes(found, -1, -2))
 
 
-def test_variances_of_a_grid_are_exact(lens_map):
-    zoom, focus = places(lens_map.core)
-    expected, _ = by_dense_algebra(lens_map.core, zoom, focus)
-    found = lens_map.core.covariance_at(zoom, focus)
-    for surface in range(3):
-        each = (..., surface, surface)
-        np.testing.assert_allclose(found[each], expected[each], rtol=1e-12)
-
-
 def test_single_surfaces_may_be_asked_for(surfaces):
     zoom, focus = places(surfaces)
     last = surfaces.coefficients.shape[2] - 1
