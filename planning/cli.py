@@ -63,7 +63,7 @@ def visibility(
     Example:
       lenscal visibility part.stl --unit mm --target-near "0,0,0 mm" \
           --workspace "-30,-80,5,30,80,100 cm" -o region.stl
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     from planning.scene import Scene
     from planning.solid import box_workspace
     from planning.target import Target
@@ -111,7 +111,7 @@ def settings(
     \b
     Example:
       lenscal settings map.json --resolution 3px/0.01in --fov 1in --axis x
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     from lenscal.errors import PlanningError
     from lenscal.maps.lens_map import LensMap
     from planning.settings import admissible_settings
@@ -139,7 +139,7 @@ def plan(task_file: Path, out: Path, safety: float, seed: int) -> None:
     \b
     Example:
       lenscal plan task.toml -o plan.json
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     from lenscal.errors import PlanningError
     from planning.planner import plan as make_plan
     from planning.task_file import load_task
@@ -168,7 +168,7 @@ def demo(out: Path, seed: int) -> None:
     \b
     Example:
       lenscal demo --out lenscal-demo
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     from planning.demo import run_demo
 
     run_demo(out, seed)

@@ -283,7 +283,11 @@ def covariance(
         When the observations leave a parameter undetermined.
     """
     problem = _Problem(views, free, weights, knowledge)
-    system = problem.system(problem.at(state))
+    return _inverted(problem.system(problem.at(state)), free)
+
+
+def _inverted(system: System, free: BoolArray) -> Covariance:
+    """Invert normal equations, or refuse those that leave a parameter undetermined."""
     inverse_poses: FloatArray = np.linalg.inv(_solvable(system.poses)).astype(np.float64)
     reduced, eliminated = _reduce(system.shared, system.cross, inverse_poses)
     scale = np.sqrt(np.diag(system.shared))
@@ -368,7 +372,7 @@ def solve_once(
     squares = np.where(weights > 0, weights * (point.residual**2).sum(axis=1), 0.0)
     return OneStep(
         *step,
-        covariance(views, state, free, weights, knowledge),
+        _inverted(system, free),
         float(squares.sum()),
         point.cost + _slope(system, free, step) / 2,
     )

@@ -7,6 +7,7 @@ stands among a few others, and the one that predicts the pixels best is taken.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import cv2
@@ -180,24 +181,30 @@ def initial_state(
     return State(intrinsics, rotations[best], placements[best])
 
 
-def state_of(camera: Camera, matrices: FloatArray) -> State:
+def state_before(camera: Camera, views: Views) -> tuple[State, BoolArray]:
     """Find first values for all poses before a known camera.
 
     Parameters
     ----------
     camera
         The camera.
-    matrices
-        (V, 3, 3) homographies to undistorted pixels.
+    views
+        The observations.
 
     Returns
     -------
-    State
+    state : State
         The camera with those poses.
+    found : BoolArray
+        (V,) whether a view has a pose: four points or more, not on a line.
     """
-    on_sensor = _to_sensor(camera.sensor, camera.centre_px) @ matrices
-    rotations, placements = _poses(on_sensor, np.array([1.0 / camera.image_distance_mm]))
-    return State(intrinsics_of(camera), rotations[0], placements[0])
+    centre, pitch = camera.centre_px, camera.sensor.sample_pitch_mm
+    on_sensor = (views.pixels.mT - centre) * pitch
+    undistorted = (camera.undistort(on_sensor) / pitch + centre).mT
+    matrices, found = homographies(replace(views, pixels=undistorted))
+    matrices = _to_sensor(camera.sensor, centre) @ matrices
+    rotations, placements = _poses(matrices, np.array([1.0 / camera.image_distance_mm]))
+    return State(intrinsics_of(camera), rotations[0], placements[0]), found
 
 
 def _to_sensor(sensor: Sensor, principal_point_px: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from lenscal.calibration.conclusion import (
     conclude_with_robot,
     refuse_nonsense,
 )
-from lenscal.calibration.initial import homographies, initial_state, state_of
+from lenscal.calibration.initial import homographies, initial_state, state_before
 from lenscal.calibration.projection import (
     CENTRE_X,
     CENTRE_Y,
@@ -195,18 +195,10 @@ def fit_poses(
     DegenerateGeometryError
         When a view has fewer than four points, or they lie on a line.
     """
-    sensor = camera.sensor
-    undistorted = [
-        camera.undistort((np.asarray(p) - camera.centre_px) * sensor.sample_pitch_mm)
-        / sensor.sample_pitch_mm
-        + camera.centre_px
-        for p in pixels
-    ]
-    views = _checked_views(points_mm, pixels, sensor)
-    matrices, usable = homographies(_checked_views(points_mm, undistorted, sensor))
+    views = _checked_views(points_mm, pixels, camera.sensor)
+    start, usable = state_before(camera, views)
     if not usable.all():
         raise DegenerateGeometryError(_too_little(views, int(np.argmin(usable))))
-    start = state_of(camera, matrices)
     none = np.zeros(len(start.intrinsics), dtype=bool)
     result = fit(views, start, none, views.present.astype(float))
     return tuple(r[:, p].T for r, p in zip(result.residuals_px, views.present, strict=True))

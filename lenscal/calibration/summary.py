@@ -18,7 +18,7 @@ import numpy as np
 from lenscal.arrays import BoolArray, FloatArray
 from lenscal.calibration.bundle import solve_once
 from lenscal.calibration.calibration import Repeatability
-from lenscal.calibration.initial import homographies, state_of
+from lenscal.calibration.initial import state_before
 from lenscal.calibration.mounting import COUNT
 from lenscal.calibration.projection import (
     CENTRE_X,
@@ -149,7 +149,7 @@ def summarise_views(
     """
     element_pitch = np.array([camera.sensor.pitch_x_mm, camera.sensor.pitch_y_mm])
     views = Views.pad(points_mm, pixels, element_pitch)
-    selection = _placed(camera, views, pixels, points_mm, focus_view)
+    selection = _placed(camera, views, focus_view)
     held = np.zeros(len(selection.state.intrinsics), dtype=bool)
     asked = ~held
     asked[[SCALE_FACTOR]] = False
@@ -215,27 +215,14 @@ def summarise_views(
     )
 
 
-def _placed(
-    camera: Camera,
-    views: Views,
-    pixels: Sequence[FloatArray],
-    points_mm: Sequence[FloatArray],
-    focus_view: int,
-) -> Selection:
+def _placed(camera: Camera, views: Views, focus_view: int) -> Selection:
     """Fit the poses to the camera, robustly."""
-    sensor = camera.sensor
-    undistorted = [
-        camera.undistort((p - camera.centre_px) * sensor.sample_pitch_mm) / sensor.sample_pitch_mm
-        + camera.centre_px
-        for p in pixels
-    ]
-    matrices, usable = homographies(Views.pad(points_mm, undistorted, views.element_pitch_mm))
+    start, usable = state_before(camera, views)
     if not usable.all():
         raise DegenerateGeometryError(
             f"view {int(np.argmin(usable))} cannot be placed: it shows fewer than four points, or "
             "they lie on a line"
         )
-    start = state_of(camera, matrices)
     selection = fit_robustly(views, start, np.zeros(len(start.intrinsics), dtype=bool))
     if not selection.inliers[focus_view].any():
         raise DegenerateGeometryError(

@@ -151,10 +151,8 @@ def calibrate_recording(
     options = SweepOptions(
         fixed, radial_terms, decentring, free_scale_factor, use_robot, repeatability
     )
-    jobs: Sequence[Job] = [Job(record, repeatability) for record in recording.settings]
     with _mapper(workers, total) as run:
-        if use_robot and any(_has_robot(record) for record in recording.settings):
-            jobs = _informed(jobs, partial(_measure, recording.head, options=options), run)
+        jobs = _jobs(recording, options, run)
         rows: list[Row] = []
         evidence: list[Json] = []
         failures: list[Failure] = []
@@ -229,9 +227,6 @@ def robot_words(
         One per setting; None where no robot took its focus view, or none was used.
     """
     chosen = options or SweepOptions()
-    jobs: Sequence[Job] = [Job(record, chosen.repeatability) for record in recording.settings]
-    if chosen.use_robot and any(_has_robot(record) for record in recording.settings):
-        jobs = _informed(jobs, partial(_measure, recording.head, options=chosen), map)
     return tuple(
         RobotWord(
             tuple(view.base_from_hand for view in job.record.views),
@@ -241,7 +236,7 @@ def robot_words(
         )
         if chosen.use_robot and _has_robot(job.record) and job.repeatability is not None
         else None
-        for job in jobs
+        for job in _jobs(recording, chosen, map)
     )
 
 
@@ -281,6 +276,14 @@ def _measure(head: Head, job: Job, options: SweepOptions) -> RobotEvidence | Non
         return _calibrate(head, job, options).robot
     except LensCalError:
         return None  # calibrate_setting will meet the same trouble and report it
+
+
+def _jobs(recording: Recording, options: SweepOptions, run: Mapper) -> Sequence[Job]:
+    """List the settings, each with what the others know where a robot took the views."""
+    jobs = [Job(record, options.repeatability) for record in recording.settings]
+    if not (options.use_robot and any(_has_robot(record) for record in recording.settings)):
+        return jobs
+    return _informed(jobs, partial(_measure, recording.head, options=options), run)
 
 
 def _informed(

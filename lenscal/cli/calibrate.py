@@ -120,7 +120,7 @@ def calibrate(
       lenscal calibrate run1 --robot-repeatability 0.02mm,0.1mrad
       lenscal calibrate --images 'DIR/left*.jpg' --target chessboard:9x6:25mm --pitch-um 10
       lenscal calibrate --images 'DIR/left*.jpg' --target chessboard:9x6:25mm --plots figures
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     from lenscal.errors import InputError
 
     if (session is None) == (images is None):

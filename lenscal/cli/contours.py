@@ -63,7 +63,7 @@ def contours(
       lenscal contours map.json --quantity focal_length_mm --level 127 \
           --within magnification 0.192 0.327 -o admissible.csv
       lenscal contours map.json --quantity object_distance_mm --surface -o surface.png
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     from lenscal.errors import InputError
     from lenscal.maps.lens_map import LensMap
 

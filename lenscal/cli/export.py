@@ -62,7 +62,7 @@ def export(
       lenscal export map.json --format opencv --zoom 98 --focus 131 -o camera.yml
       lenscal export map.json --format ulens --grid 7x5 -o lens.ulens
       lenscal export map.json --format ros --grid 9x1 -o zoom_set
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     from lenscal.errors import InputError
     from lenscal.formats.exported import settings_of
     from lenscal.maps.lens_map import LensMap

@@ -66,7 +66,7 @@ def import_command(
       lenscal import lens.ulens --format ulens -o table.csv
       lenscal import 'zoom_set/lens_%d.yaml' --format ros --pitch '5.5 um' -o table.csv
       lenscal import a.yml b.yml --format opencv --pitch 3.45um --at 0,0 --at 10,0 -o table.csv
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     from lenscal.errors import InputError
 
     if form in _CAMERAS:

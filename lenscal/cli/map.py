@@ -34,7 +34,7 @@ def fit(table: Path, out: Path) -> None:
     \b
     Example:
       lenscal map fit table.csv -o map.json
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     from lenscal.calibration.table import CalibrationTable
     from lenscal.maps.fit import fit_lens_map
 
@@ -58,7 +58,7 @@ def show(lens_map: Path, zoom: float, focus: float) -> None:
     \b
     Example:
       lenscal map show map.json --zoom 98 --focus 131
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     from lenscal.maps.lens_map import LensMap
 
     loaded = LensMap.load(lens_map)
@@ -100,7 +100,7 @@ def validate(
     Examples:
       lenscal map validate table.csv
       lenscal map validate table.csv --folds 5 --figure validation.png
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     from lenscal.errors import InputError
     from lenscal.maps.consistency import check_consistency
     from lenscal.maps.validation import cross_validate, summarise

@@ -56,7 +56,7 @@ def look(
     \b
     Example:
       lenscal rig look --zoom 98 --focus 100 --distance "370 mm" -o frame.png
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     import cv2
     import numpy as np
 

@@ -36,7 +36,7 @@ def run(plan: Path, preset: str, seed: int, out: Path) -> None:
     \b
     Example:
       lenscal session run data/first-session.toml -o first-session
-    """  # noqa: D301 - \b is click's mark for lines that are not to be wrapped
+    """
     from lenscal.progress import progress_bar
     from lenscal.rig.simulated import SimulatedRig
     from lenscal.session.plan import SessionPlan

@@ -13,7 +13,7 @@ def dense(low=(90, 60), high=(110, 140)):
 @pytest.mark.parametrize("quantity", ["magnification", "object_distance_mm", "standoff_mm"])
 def test_without_noise_the_map_is_the_lens_within_what_it_states(lens, lens_map, quantity):
     error = getattr(lens_map, quantity)(*dense()) - getattr(lens, quantity)(*dense())
-    assert np.abs(error / lens_map.sigma(quantity, *dense())).max() < 3.0
+    assert np.abs(error / lens_map.sigma(quantity, *dense())).max() < 2.0
     assert np.abs(error / getattr(lens, quantity)(*dense())).max() < 5e-3
 
 
@@ -49,7 +49,7 @@ def test_magnification_is_not_spoilt_by_distance(lens, grid):
     }
     # The autofocus slip of 0.3 mm in 600 is the floor of d/D.
     assert relative["magnification"] < 6e-4
-    assert relative["object_distance_mm"] > 8e-4
+    assert relative["object_distance_mm"] > 1e-3
 
 
 def test_zoom_only_and_focus_only_tables_make_maps(lens):
