@@ -31,6 +31,7 @@ from lenscal.document import Json, digest
 from lenscal.errors import CalibrationError, InputError, LensCalError
 from lenscal.progress import Progress
 from lenscal.recording import Head, Recording, SettingRecord, head_to_json, setting_to_json
+from lenscal.setting import LensSetting
 
 Mapper = Callable[[Callable[["Job"], Any], Sequence["Job"]], Iterator[Any]]
 
@@ -237,6 +238,43 @@ def robot_words(
         if chosen.use_robot and _has_robot(job.record) and job.repeatability is not None
         else None
         for job in _jobs(recording, chosen, map)
+    )
+
+
+def calibration_of(
+    recording: Recording, setting: LensSetting, options: SweepOptions | None = None
+) -> Calibration:
+    """Calibrate one setting of a recording as the sweep does, to look at its residuals.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    setting
+        Zoom and focus of the setting.
+    options
+        How; None for the usual way.
+
+    Returns
+    -------
+    Calibration
+        With what the other settings know of the robot.
+
+    Raises
+    ------
+    InputError
+        When the setting was not recorded.
+    CalibrationError, ConvergenceError
+        When it cannot be calibrated.
+    """
+    chosen = options or SweepOptions()
+    wanted = setting.zoom, setting.focus
+    for job in _jobs(recording, chosen, map):
+        if (job.record.setting.zoom, job.record.setting.focus) == wanted:
+            return _calibrate(recording.head, job, chosen)
+    raise InputError(
+        f"zoom {setting.zoom:g}, focus {setting.focus:g} is not among the "
+        f"{len(recording.settings)} settings of the recording"
     )
 
 

@@ -201,7 +201,7 @@ def _calibrate_session(
     use_robot: bool,
     repeatability: Repeatability | None,
 ) -> None:
-    from lenscal.calibration.sweep import calibrate_recording
+    from lenscal.calibration.sweep import SweepOptions, calibrate_recording
     from lenscal.progress import progress_bar
     from lenscal.recording import Recording
 
@@ -212,6 +212,7 @@ def _calibrate_session(
         _make_folder(plots)
     if workers is None and len(recording.settings) >= _SETTINGS_TO_SHARE:
         workers = os.cpu_count()
+    options = SweepOptions(None, 1, False, free_scale_factor, use_robot, repeatability)
     with progress_bar("calibrating") as progress:
         table = calibrate_recording(
             recording,
@@ -222,7 +223,11 @@ def _calibrate_session(
             repeatability=repeatability,
         )
     table.save(out)
-    figures = [] if plots is None else _plot_table(table, plots)
+    figures: list[Path] = []
+    if plots is not None:
+        from lenscal.plots.calibration_table import save_session_figures
+
+        figures = save_session_figures(recording, table, options, plots)
     robot = _robot_of(table)
     if as_json:
         _print_json(
@@ -320,12 +325,6 @@ def _make_folder(plots: Path) -> None:
     from lenscal.plots.figure_files import make_folder
 
     make_folder(plots)
-
-
-def _plot_table(table: CalibrationTable, plots: Path) -> list[Path]:
-    from lenscal.plots.calibration_table import save_table_figures
-
-    return save_table_figures(table, plots)
 
 
 def _plot_photographs(result: PhotographCalibration, plots: Path) -> list[Path]:

@@ -15,10 +15,13 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from lenscal.arrays import BoolArray, FloatArray
+from lenscal.calibration.sweep import SweepOptions, calibration_of
 from lenscal.calibration.table import CalibrationTable
 from lenscal.document import Json
 from lenscal.errors import InputError
-from lenscal.plots.figure_files import make_folder, save_figure
+from lenscal.plots.figure_files import make_folder, save_figure, save_figures
+from lenscal.recording import Recording
+from lenscal.setting import LensSetting
 
 #: Of the settings that failed, and of poses that were not used.
 _LOST: Final = "#D55E00"
@@ -103,6 +106,35 @@ def draw_slips(figure: Figure, table: CalibrationTable) -> Figure:
         f"{1e3 * np.median(slips.sigma_rad):#.2g} mrad"
     )
     return figure
+
+
+def save_session_figures(
+    recording: Recording, table: CalibrationTable, options: SweepOptions, folder: Path
+) -> list[Path]:
+    """Save the figures of a table, and the residuals of the setting that fits worst.
+
+    Parameters
+    ----------
+    recording
+        What the table was made from.
+    table
+        The table.
+    options
+        How it was calibrated.
+    folder
+        Where to; made when it is missing.
+
+    Returns
+    -------
+    list of Path
+        Those of `save_table_figures` and of `lenscal.plots.figure_files.save_figures`.
+    """
+    worst = table.rows.iloc[int(table.rows["rms_px"].to_numpy(float).argmax())]
+    setting = LensSetting(float(worst["zoom"]), float(worst["focus"]))
+    calibration = calibration_of(recording, setting, options)
+    at = f"zoom {setting.zoom:g}, focus {setting.focus:g}"
+    names = [f"{at}: view {number}" for number in range(len(calibration.poses))]
+    return [*save_table_figures(table, folder), *save_figures(calibration, names, folder)]
 
 
 def save_table_figures(table: CalibrationTable, folder: Path) -> list[Path]:

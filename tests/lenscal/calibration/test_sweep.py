@@ -6,7 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lenscal.calibration.sweep import Job, SweepOptions, calibrate_recording, calibrate_setting
+from lenscal.calibration.sweep import (
+    Job,
+    SweepOptions,
+    calibrate_recording,
+    calibrate_setting,
+    calibration_of,
+)
 from lenscal.calibration.table import COLUMNS, CORRELATED, VERSION, CalibrationTable
 from lenscal.calibration.table_row import standoff_mm as standoff_of
 from lenscal.camera import Camera
@@ -229,6 +235,16 @@ def test_tables_of_older_versions_are_read(table, tmp_path, version):
     again = CalibrationTable.load(path).to_dataframe()
     assert again[lacking].isna().all().all()
     pd.testing.assert_series_equal(again["magnification"], table.rows["magnification"])
+
+
+def test_one_setting_is_calibrated_as_in_the_sweep(recording, table):
+    setting = recording.settings[1].setting
+    alone = calibration_of(recording, setting)
+    row = table.to_dataframe().iloc[1]
+    assert alone.value("standoff_mm") == row["standoff_mm"]
+    assert alone.rms_px == row["rms_px"]
+    with pytest.raises(InputError, match="zoom 7, focus 7 is not among the 2 settings"):
+        calibration_of(recording, LensSetting(7.0, 7.0))
 
 
 def test_no_setting_at_all_is_an_error(recording):

@@ -135,7 +135,8 @@ def test_figure_of_a_session(session, tmp_path):
     assert f"figures written to {tmp_path / 'figures'}: table.png" in result.stdout
     assert cv2.imread(str(tmp_path / "figures" / "table.png")).shape[1] == 2250
     answer = json.loads(_run(session, "--plots", tmp_path / "more", "--json").stdout)
-    assert answer["figures"] == [str(tmp_path / "more" / "table.png")]
+    names = ["table.png", "summary.png", "views-1.png"]
+    assert answer["figures"] == [str(tmp_path / "more" / name) for name in names]
 
 
 def _cells(result):
@@ -207,7 +208,7 @@ def test_the_scale_factor_is_estimated_when_asked_for(robot_session):
 
 def test_figures_of_a_session_with_a_robot_hold_its_slips(robot_session, tmp_path):
     result = _run(robot_session, "--plots", tmp_path / "figures")
-    assert result.stdout.endswith("figures: table.png, robot-slips.png\n")
+    assert result.stdout.endswith("figures: table.png, robot-slips.png, summary.png, views-1.png\n")
     assert (tmp_path / "figures" / "robot-slips.png").exists()
 
 
