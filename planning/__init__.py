@@ -25,7 +25,7 @@ _HOMES: Final = {
     "object_distance_bounds_mm": "planning.settings",
     "plan": "planning.planner",
     "verify_viewpoint": "planning.verify",
-    "visibility_region": "planning.visibility.region",
+    "visibility_region": "planning.visibility.methods",
 }
 
 __all__ = sorted(_HOMES)

@@ -67,7 +67,7 @@ def visibility(
     from planning.scene import Scene
     from planning.solid import box_workspace
     from planning.target import Target
-    from planning.visibility.region import visibility_region
+    from planning.visibility.methods import visibility_region
 
     scale = _mm_per_unit_of(out)
     scene = Scene.load(part, unit)

@@ -25,7 +25,8 @@ from planning.scene import Scene
 from planning.settings import AdmissibleSettings, FixedLens, admissible_settings
 from planning.task import Task
 from planning.viewpoints import Arc, Ring, visible_arcs
-from planning.visibility.region import Region, visibility_region
+from planning.visibility.methods import visibility_region
+from planning.visibility.region import Region
 
 if TYPE_CHECKING:
     from lenscal.maps.lens_map import LensMap

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from manifold3d import Manifold
 
 from lenscal.arrays import FloatArray
 from planning.solid import Solid
@@ -13,6 +14,8 @@ from planning.target import Target
 
 #: What rounding does to coordinates of size one after they were turned.
 _ROUNDING: Final = 1e-12
+#: How far the extent reaches, in units of the frame.
+_BEYOND: Final = 1.0005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +106,23 @@ class TargetFrame:
         """
         part: FloatArray = points @ self.rotation * self.scale_mm + self.origin_mm
         return part
+
+    def extent(self, target: Target) -> Manifold:
+        """Give the convex solid within which regions are computed before the workspace is cut out.
+
+        Parameters
+        ----------
+        target
+            The target that the frame was made for.
+
+        Returns
+        -------
+        Manifold
+            A cube about the target, a little larger than all that the workspace reaches; of a
+            polygon the half in front of it. The target lies in it, or on its face.
+        """
+        cube = Manifold.cube([2.0, 2.0, 2.0], center=True).scale([_BEYOND] * 3)
+        return cube if target.is_segment else cube.trim_by_plane([0.0, 0.0, 1.0], 0.0)
 
     def target_pieces(self, target: Target) -> list[FloatArray]:
         """Give the convex pieces of the target in the frame, exactly in the plane z = 0.

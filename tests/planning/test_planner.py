@@ -22,7 +22,7 @@ from planning.target import Target
 from planning.task import Task
 from planning.verify import verify_viewpoint
 from planning.viewpoints import Ring, visible_arcs
-from planning.visibility.region import visibility_region
+from planning.visibility.methods import visibility_region
 
 matplotlib.use("Agg")
 

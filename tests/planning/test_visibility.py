@@ -17,7 +17,7 @@ from planning.scene import Scene
 from planning.solid import Solid, box_workspace
 from planning.target import Target
 from planning.visibility.audit import sees_whole_target
-from planning.visibility.region import visibility_region
+from planning.visibility.methods import visibility_region
 
 
 def tetrahedra(count: int, size: float, seed: int) -> list[trimesh.Trimesh]:
@@ -281,7 +281,7 @@ def test_wall_on_the_middle_of_the_target_hides_it(bench) -> None:
 def test_covered_target_and_unknown_method_are_refused(bench) -> None:
     with pytest.raises(GeometryError, match="material lies on the target at .* counter-clockwise"):
         visibility_region(bench.scene(bench.block), Target(bench.square[::-1]), bench.workspace)
-    with pytest.raises(InputError, match="unknown method 'magic' .* available is 'direct'"):
+    with pytest.raises(InputError, match="unknown method 'magic' .* available are 'direct'"):
         visibility_region(bench.scene(bench.block), bench.target, bench.workspace, method="magic")
 
 
