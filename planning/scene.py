@@ -1,24 +1,23 @@
-"""The part and what stands about it: closed bodies in one frame, in millimetres."""
+"""The part and what stands about it: bodies in one frame, in millimetres."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
 from lenscal.arrays import BoolArray, FloatArray, frozen_array
-from lenscal.document import digest, reason
-from lenscal.errors import FileError, GeometryError
-from lenscal.units import unit_in_mm
-from planning.solid import Solid
+from lenscal.document import digest
+from lenscal.errors import GeometryError
+from lenscal.pose import Pose
+from planning.body import Body, CadFaces
+from planning.mesh_file import CHORD_TOLERANCE_MM, FILE_TYPES, Source, read_bodies
 
-#: What can be read, by the ending of the file.
-FILE_TYPES: Final = ("stl", "obj", "ply", "glb")
+__all__ = ["FILE_TYPES", "Scene"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,47 +27,86 @@ class Scene:
     Parameters
     ----------
     meshes
-        Closed triangle meshes in mm, all in the frame of the part.
+        Triangle meshes in mm, each in the frame of its body.
     names
         What each body is called; by default "body 0" and so on.
+    poses
+        part_from_body of each; by default every body is in the frame of the part.
+    as_faces
+        Take meshes that are open, inside out, or cross themselves as bare faces, which hide from
+        both sides and have no inside. Otherwise they are refused.
+    sources
+        The files that the bodies came from.
 
     Raises
     ------
     GeometryError
-        When there is no mesh, or one is empty, open, flat or inside out, or names are too few.
+        When there is no mesh, or one is empty or no solid, or names or poses are too few, or two
+        bodies have one name.
     """
 
     meshes: Sequence[trimesh.Trimesh]
     names: Sequence[str] = ()
-    bodies: tuple[Solid, ...] = field(init=False)
+    poses: Sequence[Pose] = ()
+    as_faces: bool = False
+    sources: Sequence[Source] = ()
+    bodies: tuple[Body, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         meshes = tuple(self.meshes)
         if not meshes:
             raise GeometryError("a scene needs at least one body, but none was given")
         names = tuple(self.names) or tuple(f"body {i}" for i in range(len(meshes)))
-        if len(names) != len(meshes):
+        poses = tuple(self.poses) or (Pose.identity(),) * len(meshes)
+        for given, word in ((names, "names"), (poses, "poses")):
+            if len(given) != len(meshes):
+                raise GeometryError(
+                    f"there are {len(meshes)} bodies but {len(given)} {word}; give each body one"
+                )
+        if len(set(names)) != len(names):
+            twice = next(name for name in names if names.count(name) > 1)
             raise GeometryError(
-                f"there are {len(meshes)} bodies but {len(names)} names; give each body one"
+                f"two bodies are called {twice!r}; give each a name of its own, so that it can be "
+                "moved and picked"
             )
         bodies = tuple(
-            Solid.closed(name, mesh.vertices, mesh.faces)
-            for name, mesh in zip(names, meshes, strict=True)
+            Body.from_triangles(
+                name, pose.transform(mesh.vertices), mesh.faces, _cad_of(mesh), self.as_faces
+            )
+            for mesh, name, pose in zip(meshes, names, poses, strict=True)
         )
-        object.__setattr__(self, "meshes", meshes)
-        object.__setattr__(self, "names", names)
-        object.__setattr__(self, "bodies", bodies)
+        for name, value in (
+            ("meshes", meshes),
+            ("names", names),
+            ("poses", poses),
+            ("sources", tuple(self.sources)),
+            ("bodies", bodies),
+        ):
+            object.__setattr__(self, name, value)
 
     @classmethod
-    def load(cls, path: Path | str, unit: str) -> Scene:
-        """Read a file of CAD triangles.
+    def load(
+        cls,
+        path: Path | str,
+        unit: str | None = None,
+        *,
+        as_faces: bool = False,
+        chord_tolerance_mm: float = CHORD_TOLERANCE_MM,
+    ) -> Scene:
+        """Read a file of CAD.
 
         Parameters
         ----------
         path
-            An STL, OBJ, PLY or GLB file. Each of its meshes becomes a body.
+            An STL, OBJ, PLY, GLB or STEP file; each of its meshes or solids becomes a body. Or a
+            TOML file that names such files with their poses (see `planning.scene_file`).
         unit
-            The unit of its numbers: these files do not say it reliably, so the caller must.
+            The unit of its numbers. Files of triangles do not say it reliably, so it must be given
+            for them; a STEP file and a TOML file state it.
+        as_faces
+            Take meshes that are no solids as bare faces.
+        chord_tolerance_mm
+            How far triangles may leave the curved surfaces of a STEP file.
 
         Returns
         -------
@@ -80,26 +118,25 @@ class Scene:
         FileError
             When the file is missing, of another kind, or no mesh.
         UnitError
-            When the unit is not known.
+            When the unit is missing, not known, or not that of the STEP file.
+        GeometryError
+            When a body is no solid.
         """
         path = Path(path)
-        scale = unit_in_mm(unit)
-        if path.suffix.lower().lstrip(".") not in FILE_TYPES:
-            raise FileError(
-                f"cannot read {path} as a part: its name ends in {path.suffix or 'nothing'!r}; "
-                f"known are {', '.join(FILE_TYPES)}"
-            )
-        try:
-            loaded = trimesh.load_scene(path, process=False)
-            meshes = loaded.dump() if len(loaded.geometry) else []
-        # The readers of trimesh raise whatever their parsers happen to raise.
-        except Exception as error:
-            raise FileError(f"cannot read {path} as a mesh: {reason(error)}") from error
-        bodies = [m for m in meshes if isinstance(m, trimesh.Trimesh) and len(m.faces)]
-        if not bodies:
-            raise FileError(f"{path} holds no mesh; export the part as triangles")
-        names = [f"{path.name} body {i}" if i else path.name for i in range(len(bodies))]
-        return cls([_scaled(m, scale) for m in bodies], names)
+        if path.suffix.lower() == ".toml":
+            from planning.scene_file import load_scene_file
+
+            return load_scene_file(path, as_faces, chord_tolerance_mm)
+        raw, source = read_bodies(path, unit, chord_tolerance_mm)
+        meshes, names = [], []
+        for k, body in enumerate(raw):
+            mesh = trimesh.Trimesh(body.vertices_mm, body.faces, process=False)
+            if body.cad is not None:
+                mesh.metadata["cad"] = body.cad
+            name = body.name or (f"{path.name} body {k}" if k else path.name)
+            names.append(name if name not in names else f"{name} ({k})")
+            meshes.append(mesh)
+        return cls(meshes, names, as_faces=as_faces, sources=(source,))
 
     @property
     def bounds_mm(self) -> FloatArray:
@@ -118,7 +155,7 @@ class Scene:
         return digest({"names": list(self.names), "bodies": [b.digest for b in self.bodies]})
 
     def inside_material(self, points_mm: npt.ArrayLike) -> BoolArray:
-        """Tell which points lie inside a body.
+        """Tell which points lie inside a closed body.
 
         Parameters
         ----------
@@ -136,6 +173,125 @@ class Scene:
             inside |= body.contains(points)
         return inside
 
+    def body(self, name: str) -> Body:
+        """Look a body up.
 
-def _scaled(mesh: trimesh.Trimesh, scale: float) -> trimesh.Trimesh:
-    return trimesh.Trimesh(mesh.vertices * scale, mesh.faces, process=False)
+        Parameters
+        ----------
+        name
+            What it is called.
+
+        Returns
+        -------
+        Body
+            The body.
+
+        Raises
+        ------
+        GeometryError
+            When there is none of this name.
+        """
+        return self.bodies[self._index(name)]
+
+    def moved(self, name: str, *part_from_body: Pose) -> Scene:
+        """Put a body somewhere else.
+
+        Parameters
+        ----------
+        name
+            What it is called.
+        *part_from_body
+            Where it is now, in place of where it was. Several poses: it stands at all of them, as
+            when it moves while the camera looks; what lies between the poses is not filled.
+
+        Returns
+        -------
+        Scene
+            A new scene. At several poses the body becomes "name @ 0" and so on.
+
+        Raises
+        ------
+        GeometryError
+            When there is no such body, or no pose.
+        """
+        index = self._index(name)
+        if not part_from_body:
+            raise GeometryError(f"{name} cannot be moved without a pose; give one or several")
+        several = len(part_from_body) > 1
+        kept = [i for i in range(len(self.bodies)) if i != index]
+        return Scene(
+            [self.meshes[i] for i in kept] + [self.meshes[index]] * len(part_from_body),
+            [self.names[i] for i in kept]
+            + ([f"{name} @ {k}" for k in range(len(part_from_body))] if several else [name]),
+            [self.poses[i] for i in kept] + list(part_from_body),
+            self.as_faces,
+            self.sources,
+        )
+
+    def without(self, name: str) -> Scene:
+        """Take a body away.
+
+        Parameters
+        ----------
+        name
+            What it is called.
+
+        Returns
+        -------
+        Scene
+            A new scene.
+
+        Raises
+        ------
+        GeometryError
+            When there is no such body, or no other.
+        """
+        index = self._index(name)
+        if len(self.bodies) == 1:
+            raise GeometryError(f"{name} is the only body; a scene without it would be empty")
+        kept = [i for i in range(len(self.bodies)) if i != index]
+        return Scene(
+            [self.meshes[i] for i in kept],
+            [self.names[i] for i in kept],
+            [self.poses[i] for i in kept],
+            self.as_faces,
+            self.sources,
+        )
+
+    def joined(self, other: Scene) -> Scene:
+        """Put the bodies of two scenes together.
+
+        Parameters
+        ----------
+        other
+            A scene in the same frame.
+
+        Returns
+        -------
+        Scene
+            All bodies of both.
+
+        Raises
+        ------
+        GeometryError
+            When a body of either has the name of one of the other.
+        """
+        return Scene(
+            [*self.meshes, *other.meshes],
+            [*self.names, *other.names],
+            [*self.poses, *other.poses],
+            self.as_faces or other.as_faces,
+            [*self.sources, *other.sources],
+        )
+
+    def _index(self, name: str) -> int:
+        if name not in self.names:
+            raise GeometryError(
+                f"there is no body {name!r}; the bodies are {', '.join(map(repr, self.names))}"
+            )
+        return list(self.names).index(name)
+
+
+def _cad_of(mesh: trimesh.Trimesh) -> CadFaces | None:
+    cad = mesh.metadata.get("cad")
+    return cad if isinstance(cad, CadFaces) else None

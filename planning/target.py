@@ -1,17 +1,19 @@
-"""What is to be seen: a planar polygon, or a segment."""
+"""What is to be seen: a planar polygon, with or without holes, or a segment."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import InitVar, dataclass, field
+from itertools import pairwise
 from typing import Final
 
 import manifold3d
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 from lenscal.arrays import FloatArray, IntArray, frozen_array
-from lenscal.errors import GeometryError
+from lenscal.errors import GeometryError, InputError
+from planning.picking import face_called, face_near
 from planning.polygons import merge_convex
 from planning.scene import Scene
 
@@ -27,26 +29,41 @@ class Target:
     Parameters
     ----------
     vertices_mm
-        (N, 3) corners in mm, counter-clockwise seen from the side that is to be seen.
+        (N, 3) corners in mm, counter-clockwise seen from the side that is to be seen. The corners
+        of the holes are put behind them.
+    holes
+        (M, 3) corners of each hole in mm, in either order. What lies in a hole need not be seen.
 
     Raises
     ------
     GeometryError
         When there are fewer than two vertices, the area is zero, the vertices lie in no plane, or
-        the outline crosses itself.
+        outlines cross.
     """
 
     vertices_mm: FloatArray
+    holes: InitVar[Sequence[npt.ArrayLike]] = ()
+    #: Outline and holes, as indices of their corners: the holes run clockwise.
+    loops: tuple[IntArray, ...] = field(init=False)
     #: Corners of its convex pieces, as indices: one piece when the target is convex.
     pieces: tuple[IntArray, ...] = field(init=False)
 
-    def __post_init__(self) -> None:
-        vertices = frozen_array("vertices_mm", self.vertices_mm, ("N", 3))
-        if len(vertices) < 2:
+    def __post_init__(self, holes: Sequence[npt.ArrayLike]) -> None:
+        outline = frozen_array("vertices_mm", self.vertices_mm, ("N", 3))
+        if len(outline) < 2:
             raise GeometryError(
-                f"a target needs two vertices (a segment) or more, but has {len(vertices)}"
+                f"a target needs two vertices (a segment) or more, but has {len(outline)}"
             )
+        if len(outline) == 2 and len(holes):
+            raise GeometryError("a segment has no holes; give the outline three vertices or more")
+        inner = [frozen_array("a hole", hole, ("M", 3)) for hole in holes]
+        up = _area_vector(outline)
+        inner = [h if _area_vector(h) @ up < 0 else h[::-1] for h in inner]
+        starts = np.cumsum([0, len(outline), *map(len, inner)])
+        loops = tuple(np.arange(a, b) for a, b in pairwise(starts))
+        vertices = frozen_array("vertices_mm", np.concatenate([outline, *inner]), ("N", 3))
         object.__setattr__(self, "vertices_mm", vertices)
+        object.__setattr__(self, "loops", loops)
         object.__setattr__(self, "pieces", self._checked_pieces())
 
     @classmethod
@@ -66,8 +83,40 @@ class Target:
         return cls(np.stack([frozen_array("a_mm", a_mm, (3,)), frozen_array("b_mm", b_mm, (3,))]))
 
     @classmethod
-    def from_face(cls, scene: Scene, near: npt.ArrayLike) -> Target:
-        """Pick the flat face of a part that is nearest to a point.
+    def polyline(cls, points_mm: npt.ArrayLike) -> tuple[Target, ...]:
+        """Make the segments of a line with corners, such as a seam or an edge.
+
+        Parameters
+        ----------
+        points_mm
+            (N, 3) its corners in mm.
+
+        Returns
+        -------
+        tuple of Target
+            Its segments. The region of the whole line is what their regions share.
+
+        Raises
+        ------
+        GeometryError
+            When there are fewer than two points, or neighbours are the same.
+        """
+        points = frozen_array("points_mm", points_mm, ("N", 3))
+        if len(points) < 2:
+            raise GeometryError(f"a polyline needs two points or more, but has {len(points)}")
+        return tuple(cls.segment(a, b) for a, b in pairwise(points))
+
+    @classmethod
+    def from_face(
+        cls,
+        scene: Scene,
+        near: npt.ArrayLike | None = None,
+        *,
+        face: int | str | None = None,
+        body: str | None = None,
+        fill_holes: bool = False,
+    ) -> Target:
+        """Pick a flat face of a part: the one nearest to a point, or one that the CAD file knows.
 
         Parameters
         ----------
@@ -75,43 +124,44 @@ class Target:
             The part.
         near
             (3,) a point in mm. Where it is equally near to several faces, the first counts.
+        face
+            Number or name of a face, for parts read from STEP.
+        body
+            The body that the face belongs to; None to look in all of them.
+        fill_holes
+            Whether the holes of the face count as if they were part of it. The region then errs on
+            the safe side, and is computed much faster where holes are round.
 
         Returns
         -------
         Target
-            The outline of all triangles that lie in one plane and hang together.
+            The face.
 
         Raises
         ------
         GeometryError
-            When the face has a hole.
+            When there is no such face, or it is curved.
+        InputError
+            When neither point nor face is given, or both.
         """
-        point = frozen_array("near", near, (3,))
-        distances = [
-            np.linalg.norm(
-                trimesh.triangles.closest_point(
-                    body.triangles_mm, np.tile(point, (len(body.faces), 1))
-                )
-                - point,
-                axis=-1,
-            )
-            for body in scene.bodies
-        ]
-        which = int(np.argmin([d.min() for d in distances]))
-        mesh = scene.bodies[which].to_mesh()
-        loops = _outline(mesh, int(np.argmin(distances[which])))
-        if len(loops) > 1:
-            raise GeometryError(
-                f"the face of {scene.names[which]} nearest to {point.tolist()} mm has "
-                f"{len(loops) - 1} holes; give the target by its vertices, as the outline of the "
-                "piece that must be seen"
-            )
-        return cls(_without_straight_corners(mesh.vertices[loops[0]]))
+        if (near is None) == (face is None):
+            raise InputError("a face is picked either by a point near it or by its name or number")
+        if face is not None:
+            picked = face_called(scene, face, body)
+        else:
+            picked = face_near(scene, np.asarray(near), body)
+        return cls(picked.outline_mm, () if fill_holes else picked.holes_mm)
 
     @property
     def is_segment(self) -> bool:
         """Whether it has two vertices, thus no plane and no front."""
         return len(self.vertices_mm) == 2
+
+    @property
+    def outline_mm(self) -> FloatArray:
+        """(N, 3) corners of the outline in mm, without those of holes."""
+        corners: FloatArray = self.vertices_mm[self.loops[0]]
+        return corners
 
     @property
     def is_convex(self) -> bool:
@@ -131,7 +181,7 @@ class Target:
             raise GeometryError(
                 "a segment has no normal; give three vertices or more where one is needed"
             )
-        vector = _area_vector(self.vertices_mm)
+        vector = _area_vector(self.outline_mm)
         unit: FloatArray = vector / np.linalg.norm(vector)
         return unit
 
@@ -141,16 +191,22 @@ class Target:
         if self.is_segment:
             middle: FloatArray = self.vertices_mm.mean(axis=0)
             return middle
-        first = self.vertices_mm[0]
-        fan = self.vertices_mm[1:] - first
-        areas = np.cross(fan[:-1], fan[1:]) @ self.normal / 2
-        centre: FloatArray = first + areas @ (fan[:-1] + fan[1:]) / 3 / areas.sum()
+        first, normal = self.vertices_mm[0], self.normal
+        area, moment = 0.0, np.zeros(3)
+        for loop in self.loops:
+            corner, following = self.vertices_mm[np.stack([loop, np.roll(loop, -1)])] - first
+            areas = np.cross(corner, following) @ normal / 2
+            area, moment = area + areas.sum(), moment + areas @ (corner + following) / 3
+        centre: FloatArray = first + moment / area
         return centre
 
     @property
     def area_mm2(self) -> float:
-        """Area in mm²; zero for a segment."""
-        return 0.0 if self.is_segment else float(np.linalg.norm(_area_vector(self.vertices_mm)))
+        """Area in mm², that of the holes not counted; zero for a segment."""
+        if self.is_segment:
+            return 0.0
+        vectors = [_area_vector(self.vertices_mm[loop]) for loop in self.loops]
+        return float(np.linalg.norm(np.sum(vectors, axis=0)))
 
     @property
     def size_mm(self) -> float:
@@ -181,7 +237,7 @@ class Target:
                 f"the target is not planar: its vertices leave the plane by {self.flatness_mm:.3g} "
                 f"mm at a size of {size:.3g} mm; give the vertices of one flat face"
             )
-        return _convex_pieces(self.vertices_mm, self.normal, self.area_mm2)
+        return _convex_pieces(self.vertices_mm, self.loops, self.normal, self.area_mm2)
 
 
 def _area_vector(vertices: FloatArray) -> FloatArray:
@@ -191,50 +247,22 @@ def _area_vector(vertices: FloatArray) -> FloatArray:
     return vector
 
 
-def _convex_pieces(vertices: FloatArray, normal: FloatArray, area: float) -> tuple[IntArray, ...]:
+def _convex_pieces(
+    vertices: FloatArray, loops: Sequence[IntArray], normal: FloatArray, area: float
+) -> tuple[IntArray, ...]:
     """Triangulate and merge again while the pieces stay convex."""
     across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     across /= np.linalg.norm(across)
     flat = (vertices - vertices[0]) @ np.stack([across, np.cross(normal, across)], axis=-1)
-    triangles = np.asarray(manifold3d.triangulate([flat / np.sqrt(area)])).astype(np.int64)
+    polygons = [flat[loop] / np.sqrt(area) for loop in loops]
+    triangles = np.asarray(manifold3d.triangulate(polygons)).astype(np.int64)
     corners = flat[triangles]
     edges = corners[:, 1:] - corners[:, :1]
     areas = (edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]) / 2
     if areas.min(initial=0.0) < -1e-9 * area or abs(areas.sum() - area) > 1e-9 * area:
         raise GeometryError(
-            "the outline of the target crosses itself; give its vertices in the order in which "
-            "they go around it"
+            "the outline of the target crosses itself"
+            + (" or that of a hole, or a hole lies outside of it" if len(loops) > 1 else "")
+            + "; give its vertices in the order in which they go around it"
         )
     return tuple(merge_convex(vertices, triangles))
-
-
-def _outline(mesh: trimesh.Trimesh, seed: int) -> list[IntArray]:
-    """Loops around the triangles that are coplanar with one of them and connected to it."""
-    corner, normal = mesh.triangles[seed, 0], mesh.face_normals[seed]
-    size = float(np.ptp(mesh.vertices, axis=0).max())
-    in_plane = (np.abs((mesh.triangles - corner) @ normal) <= 1e-7 * size).all(axis=1)
-    pairs = mesh.face_adjacency[in_plane[mesh.face_adjacency].all(axis=1)]
-    facet = next(
-        group
-        for group in trimesh.graph.connected_components(pairs, nodes=np.flatnonzero(in_plane))
-        if seed in group
-    )
-    faces = mesh.faces[facet]
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    inner = {(int(a), int(b)) for a, b in edges}
-    following = {int(a): int(b) for a, b in edges if (int(b), int(a)) not in inner}
-    loops = []
-    while following:
-        loop = [next(iter(following))]
-        while loop[-1] in following:
-            loop.append(following.pop(loop[-1]))
-        loops.append(np.array(loop[:-1]))
-    return loops
-
-
-def _without_straight_corners(loop: FloatArray) -> FloatArray:
-    before, after = loop - np.roll(loop, 1, axis=0), np.roll(loop, -1, axis=0) - loop
-    turn = np.linalg.norm(np.cross(before, after), axis=-1)
-    straight = turn <= 1e-9 * np.linalg.norm(before, axis=-1) * np.linalg.norm(after, axis=-1)
-    kept: FloatArray = loop[~straight]
-    return kept

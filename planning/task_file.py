@@ -2,11 +2,12 @@
 
 Every length carries its unit, or is refused::
 
-    part = "part.stl"
-    unit = "mm"                      # of the numbers in the part's file
+    part = "part.stl"                # or a scene.toml with several bodies
+    unit = "mm"                      # of the numbers in the part's file; STEP and TOML state theirs
     lens = "map.json"
 
-    target = { near = ["0 mm", "0 mm", "0 mm"] }                  # or vertices = [[…], […], […]]
+    target = { near = ["0 mm", "0 mm", "0 mm"] }                  # or face = "top", for STEP
+                                                                  # or vertices = [[…], […], […]]
     feature = [["-0.5 in", "0 in", "0 in"], ["0.5 in", "0 in", "0 in"]]   # left out: the target
     workspace = { low = ["-30 cm", "-80 cm", "5 cm"], high = ["30 cm", "80 cm", "1 m"] }
 
@@ -47,24 +48,58 @@ PointMm = tuple[LengthMm, LengthMm, LengthMm]
 
 
 class TargetSpec(Handwritten):
-    """How the target is given: the face nearest to a point, or its vertices.
+    """How the target is given: the face nearest to a point, a CAD face, or its vertices.
 
     Parameters
     ----------
     near
-        A point; the face of the part nearest to it is the target.
+        A point; the flat face nearest to it is the target.
+    face
+        Name or number of a face of a STEP file.
     vertices
-        Corners of the target, counter-clockwise seen from outside.
+        Corners of the target, counter-clockwise seen from outside; two for a segment.
+    body
+        The body that the face belongs to; left out, all are looked at.
+    fill_holes
+        Whether the holes of the face count as if they were part of it.
     """
 
     near: PointMm | None = None
+    face: str | int | None = None
     vertices: list[PointMm] | None = None
+    body: str | None = None
+    fill_holes: bool = False
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> TargetSpec:
-        if (self.near is None) == (self.vertices is None):
-            raise ValueError("give either near or vertices")
+    def _one_of_all(self) -> TargetSpec:
+        if sum(given is not None for given in (self.near, self.face, self.vertices)) != 1:
+            raise ValueError("give either near or face or vertices")
+        if self.vertices is not None and (self.body is not None or self.fill_holes):
+            raise ValueError("body and fill_holes go with near or face, not with vertices")
         return self
+
+    def build(self, scene: Scene) -> Target:
+        """Make the target.
+
+        Parameters
+        ----------
+        scene
+            The part, in which the face is looked up.
+
+        Returns
+        -------
+        Target
+            The target in mm.
+        """
+        if self.vertices is not None:
+            return Target(np.array(self.vertices))
+        return Target.from_face(
+            scene,
+            None if self.near is None else np.array(self.near),
+            face=self.face,
+            body=self.body,
+            fill_holes=self.fill_holes,
+        )
 
 
 class WorkspaceSpec(Handwritten):
@@ -130,9 +165,9 @@ class TaskFile(Handwritten):
     name
         What people call the task.
     part
-        File of the part, beside the task file.
+        File of the part, beside the task file; a TOML file for several bodies.
     unit
-        Unit of the numbers in the part's file.
+        Unit of the numbers in the part's file; left out for STEP and TOML, which state theirs.
     lens
         File of the lens map, beside the task file.
     target
@@ -147,7 +182,7 @@ class TaskFile(Handwritten):
 
     name: str = ""
     part: Path
-    unit: str
+    unit: str | None = None
     lens: Path
     target: TargetSpec
     feature: list[PointMm] | None = None
@@ -167,10 +202,7 @@ class TaskFile(Handwritten):
         Task
             The task in mm.
         """
-        if self.target.vertices is not None:
-            target = Target(np.array(self.target.vertices))
-        else:
-            target = Target.from_face(scene, np.array(self.target.near))
+        target = self.target.build(scene)
         feature = None if self.feature is None else Target(np.array(self.feature))
         workspace = box_workspace(self.workspace.low, self.workspace.high)
         return Task(

@@ -119,10 +119,13 @@ def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> list[C
         if not target.is_segment:
             vertices[np.abs(vertices[:, 2]) <= frame.tolerance, 2] = 0.0
         for faces in connected_faces(body):
-            if is_convex_body(vertices, faces):
+            if body.is_closed and is_convex_body(vertices, faces):
                 pieces += _solid_piece(vertices, faces, target.is_segment)
-            else:
-                pieces += _face_pieces(vertices, faces, corners, target.is_segment, frame.tolerance)
+                continue
+            entry_only = body.is_closed and not target.is_segment
+            pieces += _face_pieces(
+                vertices, faces, corners, target.is_segment, entry_only, frame.tolerance
+            )
     distance = [float(np.linalg.norm(p.vertices, axis=-1).min()) for p in pieces]
     return [pieces[i] for i in np.argsort(distance, kind="stable")]
 
@@ -190,6 +193,7 @@ def _face_pieces(
     faces: IntArray,
     target_corners: FloatArray,
     is_segment: bool,
+    entry_only: bool,
     tolerance: float,
 ) -> list[ConvexPiece]:
     pieces = []
@@ -201,6 +205,6 @@ def _face_pieces(
             continue
         piece = ConvexPiece.polygon(polygon)
         entered = (target_corners @ piece.normals[0] - piece.offsets[0]).max() > tolerance
-        if is_segment or entered:
+        if entered or not entry_only:
             pieces.append(piece)
     return pieces

@@ -142,8 +142,9 @@ def _refuse_covered(scene: Scene, target: Target) -> None:
 
 def _without_material(local: Manifold, scene: Scene, frame: TargetFrame) -> Manifold:
     """No camera is inside of a body; for a polygon the faces of bodies see to that."""
-    for name, body in zip(scene.names, scene.bodies, strict=True):
-        local = local - to_manifold(name, frame.to_local(body.vertices_mm), body.faces)
+    for body in scene.bodies:
+        if body.is_closed:
+            local = local - to_manifold(body.name, frame.to_local(body.vertices_mm), body.faces)
     return local
 
 

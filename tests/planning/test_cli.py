@@ -149,9 +149,13 @@ def test_plan_without_a_viewpoint_is_an_error(folder) -> None:
         ('length = "1 in"', "length = 25.4", "requirements.1.field_of_view.length: .* its unit"),
         ('"0.01 in"', '"0.01 parsec"', "unknown unit of length 'parsec'"),
         ('unit = "mm"', 'unit = "mm"\ncolour = "red"', "colour: Extra inputs"),
-        ('unit = "mm"', "", "unit: Field required"),
         ('kind = "resolution"', 'kind = "beauty"', "requirements.0: "),
-        ('near = ["0 mm", "0 mm", "0 mm"]', "", "target: give either near or vertices"),
+        ('near = ["0 mm", "0 mm", "0 mm"]', "", "target: give either near or face or vertices"),
+        (
+            'near = ["0 mm", "0 mm", "0 mm"]',
+            'body = "b", vertices = [["0 mm", "0 mm", "0 mm"]]',
+            "target: body and fill_holes go with near or face",
+        ),
     ],
 )
 def test_task_files_that_are_not_understood(tmp_path, old: str, new: str, message: str) -> None:
@@ -159,6 +163,14 @@ def test_task_files_that_are_not_understood(tmp_path, old: str, new: str, messag
     path.write_text(TASK.replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=f"the task .* cannot be used: .*{message}"):
         load_task(path)
+
+
+def test_a_task_file_must_state_the_unit_of_triangles(folder) -> None:
+    (folder / "unit.toml").write_text(TASK.replace('unit = "mm"', ""), encoding="utf-8")
+    with pytest.raises(
+        UnitError, match=r"the unit of .*part.ply is not known: a ply file does not"
+    ):
+        load_task(folder / "unit.toml")
 
 
 def test_a_task_file_that_is_no_toml(tmp_path) -> None:

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
+
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lenscal.errors import FileError, GeometryError, UnitError
+from lenscal.errors import FileError, GeometryError, InputError, UnitError
+from lenscal.pose import Pose
+from planning.body import Body
 from planning.boolean import to_manifold
 from planning.scene import Scene
 from planning.solid import Solid, box_workspace
+from planning.target import Target
+from planning.visibility.methods import visibility_region
 
 
 @pytest.mark.parametrize("ending", ["stl", "obj", "ply", "glb"])
@@ -33,10 +40,165 @@ def test_refuses_files_that_are_no_part(tmp_path, bench) -> None:
     (tmp_path / "empty.obj").write_text("# nothing\n")
     with pytest.raises(FileError, match="empty.obj"):
         Scene.load(tmp_path / "empty.obj", unit="mm")
-    with pytest.raises(FileError, match=r"its name ends in '\.docx'; known are stl, obj, ply, glb"):
+    with pytest.raises(
+        FileError, match=r"its name ends in '\.docx'; known are stl, obj, ply, glb, step"
+    ):
         Scene.load(tmp_path / "part.docx", unit="mm")
     with pytest.raises(UnitError, match="unknown unit of length 'furlong'"):
         Scene.load(tmp_path / "missing.stl", unit="furlong")
+
+
+def test_triangles_need_a_unit(tmp_path, bench) -> None:
+    bench.block.export(tmp_path / "part.stl")
+    with pytest.raises(UnitError, match="part.stl is not known: a stl file .* give one of um, µm,"):
+        Scene.load(tmp_path / "part.stl")
+
+
+def test_keeps_where_it_came_from(tmp_path, bench) -> None:
+    path = tmp_path / "part.stl"
+    bench.block.export(path)
+    (source,) = Scene.load(path, "in").sources
+    assert (source.file, source.unit, source.chord_tolerance_mm) == ("part.stl", "in", None)
+    assert source.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_bodies_of_a_file_keep_their_names_and_places(tmp_path, bench) -> None:
+    scene = trimesh.Scene()
+    scene.add_geometry(bench.block, node_name="block")
+    lift = trimesh.transformations.translation_matrix([0, 0, 7])
+    scene.add_geometry(bench.box((0, 0, 0), (1, 1, 1)), node_name="lamp", transform=lift)
+    scene.export(tmp_path / "both.glb")
+    loaded = Scene.load(tmp_path / "both.glb", "m")
+    assert set(loaded.names) == {"block", "lamp"}
+    np.testing.assert_allclose(loaded.body("lamp").bounds_mm[:, 2], [7000, 8000])
+
+
+def test_poses_put_bodies_into_the_frame_of_the_part(bench) -> None:
+    quarter = Pose.from_rotation_vector([0, 0, np.pi / 2], [10, 0, 0])
+    scene = Scene([bench.box((0, 0, 0), (1, 2, 3))], ["arm"], [quarter])
+    np.testing.assert_allclose(scene.bounds_mm, [[8, 0, 0], [10, 1, 3]], atol=1e-12)
+    moved = scene.moved("arm", Pose.identity())
+    np.testing.assert_allclose(moved.bounds_mm, [[0, 0, 0], [1, 2, 3]], atol=1e-12)
+
+
+def test_a_body_may_stand_at_several_places(bench) -> None:
+    scene = Scene([bench.block, bench.box((0, 0, 0), (1, 1, 1))], ["block", "arm"])
+    places = [Pose(np.eye(3), np.array([0.0, 0, z])) for z in (5, 8)]
+    both = scene.moved("arm", *places)
+    assert both.names == ("block", "arm @ 0", "arm @ 1")
+    np.testing.assert_array_equal(
+        both.inside_material([[0.5, 0.5, 5.5], [0.5, 0.5, 7], [0.5, 0.5, 8.5]]), [1, 0, 1]
+    )
+
+
+def test_bodies_are_taken_away_and_joined(bench) -> None:
+    scene = Scene([bench.block, bench.box((0, 0, 0), (1, 1, 1))], ["block", "lid"])
+    assert scene.without("lid").names == ("block",)
+    joined = scene.without("lid").joined(scene.without("block"))
+    assert joined.digest == scene.digest
+
+
+def test_says_which_bodies_there_are(bench) -> None:
+    scene = Scene([bench.block], ["block"])
+    with pytest.raises(GeometryError, match="there is no body 'lid'; the bodies are 'block'"):
+        scene.without("lid")
+    with pytest.raises(GeometryError, match="block is the only body; a scene without it"):
+        scene.without("block")
+    with pytest.raises(GeometryError, match="block cannot be moved without a pose"):
+        scene.moved("block")
+    with pytest.raises(GeometryError, match="two bodies are called 'block'"):
+        scene.joined(scene)
+    with pytest.raises(GeometryError, match="1 bodies but 2 poses; give each body one"):
+        Scene([bench.block], poses=[Pose.identity()] * 2)
+
+
+def test_a_body_that_crosses_itself_is_refused_with_a_place(bench) -> None:
+    both = trimesh.util.concatenate(
+        [bench.box((0, 0, 0), (2, 2, 2)), bench.box((1, 1, 1), (3, 3, 3))]
+    )
+    with pytest.raises(
+        GeometryError, match=r"part crosses itself at \(.*\) mm.*--as-faces"
+    ) as told:
+        Scene([both], ["part"])
+    place = [float(v) for v in re.findall(r"-?[\d.]+", str(told.value).split("mm")[0])]
+    # Where surfaces of two boxes meet, one coordinate is that of a side of the first,
+    assert any(v in (0, 2) for v in place)
+    # and the other of a side of the second.
+    assert any(v in (1, 3) for v in place)
+    faces = Scene([both], ["part"], as_faces=True)
+    assert not faces.bodies[0].is_closed
+
+
+def test_bare_faces_hide_and_have_no_inside(bench) -> None:
+    """A box without its lid: as faces it hides to the sides from both sides."""
+    box = bench.box((-6, -6, 0), (6, 6, 4))
+    tube = trimesh.Trimesh(box.vertices, box.faces[box.face_normals[:, 2] < 0.5], process=False)
+    scene = Scene([tube], as_faces=True)
+    assert not scene.inside_material([0, 0, 2])
+    assert scene.bodies[0].volume_mm3 == 0
+    target = Target(np.add(bench.square, [0, 0, 0.1]))
+    region = visibility_region(scene, target, bench.workspace, audit_points=2000)
+    assert 0.01 < region.volume_mm3 / bench.volume < 0.2
+    assert region.audit.disagreements == 0
+
+
+def test_corners_that_single_precision_tells_apart_become_one(bench) -> None:
+    """Triangles whose corners were rounded apart, as some programs write STL."""
+    sphere = trimesh.creation.icosphere(subdivisions=2, radius=50)
+    loose = sphere.triangles.reshape(-1, 3) * (
+        1 + 1e-7 * np.random.default_rng(0).uniform(-1, 1, (3 * len(sphere.faces), 1))
+    )
+    body = Body.from_triangles("ball", loose, np.arange(len(loose)).reshape(-1, 3))
+    assert body.is_closed
+    assert len(body.vertices_mm) == len(sphere.vertices)
+
+
+def test_refuses_corners_that_are_not_finite() -> None:
+    with pytest.raises(GeometryError, match="ball has a corner that is not finite, vertex 1"):
+        Body.from_triangles("ball", [[0, 0, 0], [np.nan, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+
+
+def test_scene_file_places_its_bodies(tmp_path, bench) -> None:
+    bench.block.export(tmp_path / "block.stl")
+    bench.box((0, 0, 0), (1, 2, 3)).export(tmp_path / "arm.ply")
+    (tmp_path / "scene.toml").write_text(
+        """
+        [[bodies]]
+        file = "block.stl"
+        unit = "mm"
+        [[bodies]]
+        name = "arm"
+        file = "arm.ply"
+        unit = "cm"
+        poses = [
+            { translation = ["0 mm", "0 mm", "1 cm"] },
+            { translation = ["0 mm", "0 mm", "1 in"], rotation_deg = [0, 0, 90] },
+        ]
+        """,
+        encoding="utf-8",
+    )
+    scene = Scene.load(tmp_path / "scene.toml")
+    assert scene.names == ("block.stl", "arm @ 0", "arm @ 1")
+    np.testing.assert_allclose(scene.body("arm @ 0").bounds_mm, [[0, 0, 10], [10, 20, 40]])
+    np.testing.assert_allclose(
+        scene.body("arm @ 1").bounds_mm, [[-20, 0, 25.4], [0, 10, 55.4]], atol=1e-12
+    )
+    assert [s.file for s in scene.sources] == ["block.stl", "arm.ply"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "bodies: Field required"),
+        ('[[bodies]]\nfile="a.stl"\npose={}\nposes=[{}]', "give either pose or poses"),
+        ('[[bodies]]\nfile="a.stl"\npose={translation=[1,2,3]}', "a length needs its unit"),
+        ('[[bodies]]\nfile="a.stl"\nunit="mm"\nangle=3', "angle: Extra inputs"),
+    ],
+)
+def test_scene_files_that_are_not_understood(tmp_path, text: str, message: str) -> None:
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        Scene.load(tmp_path / "scene.toml")
 
 
 def test_refuses_a_points_only_file(tmp_path) -> None:
