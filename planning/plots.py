@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from manifold3d import Manifold
-from matplotlib.patches import Annulus, PathPatch
-from matplotlib.path import Path as Outline
+from matplotlib.patches import Annulus
 
 from lenscal.arrays import FloatArray
 from planning.boolean import from_manifold, to_manifold
 from planning.planner import Plan
+from planning.sections import draw_target, fill_section, named_direction
 from planning.solid import Solid
 
 if TYPE_CHECKING:
@@ -49,17 +49,17 @@ def plot_section(axes: Axes, plan: Plan, reach_mm: float | None = None) -> Axes:
     plane = np.stack([across, up, np.cross(across, up)])
     middle = plan.ring.midpoint_mm
     if plan.region is not None and not plan.region.is_empty:
-        _fill(axes, [plan.region.solid], plane, middle, _REGION, 0.35, "sees the whole target")
+        fill_section(
+            axes, [plan.region.solid], plane, middle, _REGION, 0.35, "sees the whole target"
+        )
     bounds = plan.settings.object_distance_bounds_mm
     reach = _reach(plan) if reach_mm is None else reach_mm
     if bounds is not None and np.isfinite(bounds[1]):
         label = f"ring, D {bounds[0]:.0f} to {bounds[1]:.0f} mm"
         ring = Annulus((0, 0), bounds[1], bounds[1] - bounds[0], fc=_RING, alpha=0.3, label=label)
         axes.add_patch(ring)
-    _fill(axes, list(plan.scene.bodies), plane, middle, _PART, 1.0, "part")
-    target = (plan.task.target.vertices_mm - middle) @ plane[:2].T
-    extent = target[[target[:, 0].argmin(), target[:, 0].argmax()]]
-    axes.plot(*extent.T, color=_TARGET, linewidth=4, solid_capstyle="butt", label="target")
+    fill_section(axes, plan.scene.bodies, plane, middle, _PART, 1.0, "part")
+    draw_target(axes, plan.task.target, plane, middle)
     places = (_positions(plan) - middle) @ plane[:2].T
     for x, y in places:
         axes.plot([0, x], [0, y], color=_VIEWPOINT, linewidth=0.5, alpha=0.5)
@@ -68,8 +68,8 @@ def plot_section(axes: Axes, plan: Plan, reach_mm: float | None = None) -> Axes:
     axes.set_aspect("equal")
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach / 2 if reach_mm else -0.12 * reach, reach)
-    axes.set_xlabel(f"{_direction(across)} (mm)")
-    axes.set_ylabel(f"{_direction(up)} (mm)")
+    axes.set_xlabel(f"{named_direction(across)} from the feature (mm)")
+    axes.set_ylabel(f"{named_direction(up)} from the feature (mm)")
     axes.set_title("Section through the feature's midpoint, perpendicular to it")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, frameon=False)
     return axes
@@ -140,29 +140,6 @@ def _share(low: FloatArray, high: FloatArray, axis: str) -> float:
     return float(sides["xyz".index(axis)] / sides.max())
 
 
-def _fill(
-    axes: Axes,
-    solids: list[Solid],
-    plane: FloatArray,
-    middle: FloatArray,
-    colour: str,
-    alpha: float,
-    label: str,
-) -> None:
-    """Fill what a plane cuts of solids; loops around holes run the other way."""
-    points, codes = [], []
-    for solid in solids:
-        local = (solid.vertices_mm - middle) @ plane.T
-        for loop in to_manifold("the section", local, solid.faces).slice(0.0).to_polygons():
-            points.append(np.concatenate([loop, loop[:1]]))
-            steps = np.full(len(loop) + 1, Outline.LINETO)
-            steps[0], steps[-1] = Outline.MOVETO, Outline.CLOSEPOLY
-            codes.append(steps)
-    if points:
-        outline = Outline(np.concatenate(points), np.concatenate(codes))
-        axes.add_patch(PathPatch(outline, facecolor=colour, alpha=alpha, label=label, linewidth=0))
-
-
 def _clipped(solid: Solid, middle: FloatArray, reach: float) -> Solid:
     cube = Manifold.cube([2 * reach] * 3, center=True).translate(middle)
     return Solid(*from_manifold(to_manifold("the region", solid.vertices_mm, solid.faces) ^ cube))
@@ -186,10 +163,3 @@ def _reach(plan: Plan) -> float:
 def _positions(plan: Plan) -> FloatArray:
     places: FloatArray = plan.viewpoints[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=np.float64)
     return places
-
-
-def _direction(vector: FloatArray) -> str:
-    main = int(np.argmax(np.abs(vector)))
-    if np.abs(vector[main]) > 1 - 1e-9:
-        return f"{'-' if vector[main] < 0 else ''}{'xyz'[main]} from the feature"
-    return f"along ({', '.join(f'{v:.2f}' for v in vector)}) from the feature"
