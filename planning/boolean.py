@@ -62,7 +62,24 @@ def to_manifold(name: str, vertices: FloatArray, faces: IntArray) -> Manifold:
             f"{name} cannot be used as a solid ({solid.status().name}): some edge or vertex "
             "belongs to more than one sheet of its surface; repair it in the CAD program"
         )
+    _refuse_altered(name, vertices, faces, solid)
     return solid
+
+
+def _refuse_altered(name: str, vertices: FloatArray, faces: IntArray, solid: Manifold) -> None:
+    """manifold3d collapses slivers as it takes a mesh over, and can lose a piece with them."""
+    if not len(faces):
+        return
+    a, b, c = np.moveaxis(vertices[faces] - vertices[faces[0, 0]], 1, 0)
+    volume = float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+    size = float(np.prod(np.ptp(vertices, axis=0)))
+    lost = abs(volume - solid.volume())
+    if lost > BALANCE_TOLERANCE * size:
+        raise GeometryError(
+            f"{name} changed by {lost / size:.1e} of its box when it was taken over for boolean "
+            "operations, because some of its faces are slivers; simplify the part about the "
+            "target, or move the target by a little"
+        )
 
 
 def from_manifold(solid: Manifold) -> tuple[FloatArray, IntArray]:

@@ -10,91 +10,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
+from planning.visibility_command import visibility
 
+if TYPE_CHECKING:
     from lenscal.sensor import Axis
     from planning.planner import Plan
     from planning.requirements.margin import Requirement
     from planning.settings import AdmissibleSettings
 
+__all__ = ["demo", "plan", "settings", "visibility"]
+
 _FILE = click.Path(path_type=Path, dir_okay=False)
 _AXIS = click.Choice(["any", "x", "y"])
-
-
-@click.command()
-@click.argument("part", type=_FILE)
-@click.option("--unit", required=True, help="Unit of the numbers in PART: mm, in, m, …")
-@click.option(
-    "--target-near",
-    required=True,
-    metavar="X,Y,Z",
-    help='A point with its unit, such as "0,0,12 mm"; the flat face nearest to it is the target.',
-)
-@click.option(
-    "--workspace",
-    required=True,
-    metavar="X,Y,Z,X,Y,Z",
-    help='Low and high corner of where the camera may be, such as "-50,-50,0,50,50,90 cm".',
-)
-@click.option(
-    "-o",
-    "--out",
-    required=True,
-    type=_FILE,
-    help="Where the region goes: .stl, .ply, .obj in mm, .glb in metres as that format demands.",
-)
-@click.option(
-    "--audit-points", default=10_000, show_default=True, help="Random viewpoints to check."
-)
-@click.option("--seed", default=0, show_default=True, help="Seed of these viewpoints.")
-def visibility(
-    part: Path,
-    unit: str,
-    target_near: str,
-    workspace: str,
-    out: Path,
-    audit_points: int,
-    seed: int,
-) -> None:
-    """Compute from where the whole of a face is seen.
-
-    \b
-    Example:
-      lenscal visibility part.stl --unit mm --target-near "0,0,0 mm" \
-          --workspace "-30,-80,5,30,80,100 cm" -o region.stl
-    """
-    from planning.scene import Scene
-    from planning.solid import box_workspace
-    from planning.target import Target
-    from planning.visibility.methods import visibility_region
-
-    scale = _mm_per_unit_of(out)
-    scene = Scene.load(part, unit)
-    target = Target.from_face(scene, _lengths_mm(target_near, 3, "--target-near"))
-    corners = _lengths_mm(workspace, 6, "--workspace")
-    camera_space = box_workspace(corners[:3], corners[3:])
-    region = visibility_region(scene, target, camera_space, audit_points=audit_points, seed=seed)
-    click.echo(
-        f"target: {target.area_mm2:.6g} mm² about ({_point(target.centroid_mm)}) mm, "
-        f"facing ({_point(target.normal)})"
-    )
-    share = region.volume_mm3 / camera_space.volume_mm3
-    click.echo(f"region: {region.volume_mm3:.6g} mm³, {share:.4%} of the workspace")
-    audit = region.audit
-    click.echo(
-        f"audit: {audit.disagreements} of {audit.viewpoints} viewpoints judged differently by the "
-        f"exact test, away from the boundary by {audit.tolerance_mm:.2g} mm; "
-        f"volumes add up to {audit.imbalance:.1e}"
-    )
-    if region.is_empty:
-        click.echo(f"the region is empty: {region.why_empty}; no file was written")
-        return
-    mesh = region.to_mesh()
-    mesh.apply_scale(1.0 / scale)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    mesh.export(out)
-    click.echo(f"wrote {out}")
 
 
 @click.command()
@@ -174,24 +101,6 @@ def demo(out: Path, seed: int) -> None:
     run_demo(out, seed)
 
 
-def _lengths_mm(text: str, count: int, option: str) -> list[float]:
-    """Read numbers between commas; one without a unit has that of the last."""
-    import re
-
-    from lenscal.errors import UnitError
-    from lenscal.units import parse_length_mm
-
-    words = [word.strip() for word in text.split(",")]
-    unit = re.search(r"[a-zA-Zµ]*$", words[-1])
-    last_unit = unit.group() if unit else ""
-    if len(words) != count or not last_unit:
-        raise UnitError(
-            f"{option} needs {count} numbers between commas and a unit, but is {text!r}; write "
-            f"'{','.join(['0'] * count)} mm'"
-        )
-    return [parse_length_mm(w if w[-1:].isalpha() else w + last_unit) for w in words]
-
-
 def _requirements(resolution: str | None, fov: str | None, axis: Axis) -> list[Requirement]:
     from lenscal.errors import InputError
     from lenscal.units import parse_length_mm
@@ -214,17 +123,6 @@ def _requirements(resolution: str | None, fov: str | None, axis: Axis) -> list[R
     if not found:
         raise InputError("nothing is required; give --resolution 3px/0.01in, --fov 1in, or both")
     return found
-
-
-def _mm_per_unit_of(out: Path) -> float:
-    from lenscal.errors import FileError
-    from planning.scene import FILE_TYPES
-
-    if out.suffix.lower().lstrip(".") not in FILE_TYPES:
-        raise FileError(
-            f"cannot write a region to {out}; its name must end in one of {', '.join(FILE_TYPES)}"
-        )
-    return 1000.0 if out.suffix.lower() == ".glb" else 1.0
 
 
 def _show_settings(found: AdmissibleSettings) -> None:
@@ -260,7 +158,3 @@ def _show_plan(found: Plan) -> None:
     )
     title = f"Viewpoints {found.task.name}".strip()
     Console().print(viewpoint_table(title, found.viewpoints, columns))
-
-
-def _point(vector: Iterable[float]) -> str:
-    return ", ".join(f"{v:.4g}" for v in vector)

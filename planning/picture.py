@@ -23,11 +23,15 @@ from planning.target import Target
 from planning.visibility.region import Region
 
 _DPI: Final = 110
-_VIEW_PX: Final = (640, 560)
 
 
 def save_picture(
-    path: Path | str, preview: Preview, scene: Scene, target: Target, region: Region
+    path: Path | str,
+    preview: Preview,
+    scene: Scene,
+    target: Target,
+    region: Region,
+    view_px: tuple[int, int] = (640, 560),
 ) -> Path:
     """Draw a region in space and in sections, as PNG.
 
@@ -43,6 +47,8 @@ def save_picture(
         The target through whose centre the sections go.
     region
         The region.
+    view_px
+        Width and height of each view in space.
 
     Returns
     -------
@@ -66,7 +72,7 @@ def save_picture(
         ),
     )
     for axes, layers, fit, title in views:
-        axes.imshow(render(layers, towards, _VIEW_PX, fit, up))
+        axes.imshow(render(layers, towards, view_px, fit, up))
         axes.set_axis_off()
         axes.set_title(title)
     for axes, reach, title in (

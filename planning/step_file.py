@@ -25,6 +25,10 @@ _MM_PER_METRE: Final = 1000.0
 _ANGLE_RAD: Final = 0.5
 #: How well, as a share of the size of the body, a face's plane must agree with the text.
 _SAME_PLACE: Final = 1e-5
+#: How far apart single precision may put the same coordinate, as a share of the largest.
+_SINGLE_PRECISION: Final = 2.0**-22
+#: Normals that differ by less belong to one plane.
+_SAME_PLANE: Final = 1e-6
 _ENTITY: Final = re.compile(r"#(\d+)\s*=\s*(.*?);\s*(?=#\d+\s*=|ENDSEC)", re.DOTALL)
 _PREFIXES: Final = {"": "m", "MILLI": "mm", "CENTI": "cm", "MICRO": "um"}
 _CONVERTED: Final = {
@@ -100,6 +104,8 @@ def read_step(
         raise FileError(f"{path} cannot be read as STEP: it holds no body, or is cut short")
     loaded = parse_scene(path, lambda: trimesh.load_scene(io.BytesIO(glb), file_type="glb"))
     shells = _named_shells(entities, unit_in_mm(stated))
+    for mesh in loaded.geometry.values():
+        _put_onto_planes(mesh)
     bodies = [
         RawBody(name, vertices * _MM_PER_METRE, mesh.faces, _cad_faces(mesh, shells))
         for name, mesh, vertices in placed_meshes(loaded)
@@ -178,6 +184,41 @@ def _cad_faces(mesh: trimesh.Trimesh, shells: list[_NamedShell]) -> CadFaces | N
     matching = [shell for shell in shells if _matches(shell, origins, _SAME_PLACE * size)]
     names = matching[0].names if matching else [""] * count
     return CadFaces(np.asarray(of_triangle, dtype=np.int64), tuple(kinds), tuple(names))
+
+
+def _put_onto_planes(mesh: trimesh.Trimesh) -> None:
+    """Give the corners of flat faces back the digits that single precision took from them.
+
+    GLB holds positions in single precision, but the planes of the faces in double. A corner moves
+    by the least that puts it onto all planes it lies on, and by no more than that rounding.
+    """
+    described = mesh.metadata.get("cascadio", {}).get("brep_faces")
+    of_triangle = mesh.face_attributes.get("brep_index")
+    if described is None or of_triangle is None:
+        return
+    planes = {f["face_index"]: f for f in described if f["type"] == "plane"}
+    # Corners of neighbouring faces are apart in the file; those at one place share their planes.
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    places, of_vertex = np.unique(vertices, axis=0, return_inverse=True)
+    corners = of_vertex.reshape(-1)[mesh.faces]
+    on: dict[int, set[int]] = {}
+    for number in planes:
+        for place in np.unique(corners[of_triangle == number]):
+            on.setdefault(int(place), set()).add(number)
+    alike: dict[tuple[int, ...], list[int]] = {}
+    for place, numbers in on.items():
+        alike.setdefault(tuple(sorted(numbers)), []).append(place)
+    moved = places.copy()
+    for together, members in alike.items():
+        normals = np.array([planes[k]["normal"] for k in together])
+        heights = np.einsum("ki,ki->k", normals, [planes[k]["origin"] for k in together])
+        # Planes that are the same but for rounding count once.
+        back = np.linalg.pinv(normals, rcond=_SAME_PLANE)
+        moved[members] += (heights - places[members] @ normals.T) @ back.T
+    step = np.abs(moved - places).max(axis=1)
+    rounding = _SINGLE_PRECISION * float(np.abs(places).max())
+    moved = np.where((step <= rounding)[:, None], moved, places)
+    mesh.vertices = moved[of_vertex.reshape(-1)]
 
 
 def _matches(shell: _NamedShell, origins: list[Any], tolerance: float) -> bool:

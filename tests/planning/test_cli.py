@@ -75,7 +75,7 @@ def test_visibility_writes_the_region(folder, ending: str) -> None:
     )  # fmt: skip
     assert done.exit_code == 0
     assert "target: 483.87 mm²" in done.output
-    assert "audit: 0 of 500 viewpoints judged differently" in done.output
+    assert "audit: 0 of 500 viewpoints disagree" in done.output
     region = trimesh.load_mesh(out)
     assert np.abs(region.bounds).max() == pytest.approx(1.0 if ending == "glb" else 1000.0)
 
@@ -91,12 +91,13 @@ def test_visibility_says_why_there_is_no_region(folder, tmp_path) -> None:
         "--workspace", "-2,-2,-2,2,2,-1 m", "-o", tmp_path / "none.stl", "--audit-points", 10,
     )  # fmt: skip
     assert "the region is empty: the whole workspace lies behind" in below.output
+    assert "none.stl was not written: there is nothing" in below.output
     assert not (tmp_path / "none.stl").exists()
 
 
 def test_visibility_refuses_bare_numbers_and_other_files(folder, tmp_path) -> None:
     words = ["--unit", "mm", "--workspace", "0,0,0,1,1,1 m"]
-    with pytest.raises(UnitError, match="--target-near needs 3 numbers between commas and a unit"):
+    with pytest.raises(UnitError, match="--target needs 3 numbers between commas and a unit"):
         run(cli.visibility, folder / "part.ply", *words, "--target-near", "0,0,0", "-o", "r.stl")
     with pytest.raises(FileError, match="cannot write a region to .*; its name must end in"):
         run(cli.visibility, folder / "part.ply", *words, "--target-near", "0,0,0mm", "-o", "r.docx")
