@@ -16,6 +16,8 @@ from lenscal.errors import GeometryError
 from planning.crossings import find_crossing
 from planning.solid import Solid
 
+#: Pairs of face and corner up to which a body is looked at for being convex.
+_AT_A_GLANCE: Final = 20_000
 #: How far apart, as a share of the largest coordinate, single precision may put the same corner.
 _SINGLE_PRECISION: Final = 2.0**-22
 
@@ -179,7 +181,20 @@ def _is_balanced(faces: IntArray) -> bool:
     return bool(np.array_equal(along, np.sort(edges[:, 1] * count + edges[:, 0])))
 
 
+def _is_convex(vertices: FloatArray, faces: IntArray) -> bool:
+    """Whether a small closed surface is seen at a glance to be convex, so that it cannot cross."""
+    if len(faces) * len(vertices) > _AT_A_GLANCE or 2 * len(vertices) != len(faces) + 4:
+        return False
+    a, b, c = (vertices[faces[:, k]] - vertices[0] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    heights = normals @ (vertices - vertices[0]).T - np.einsum("fi,fi->f", normals, a)[:, None]
+    size = float(np.abs(vertices - vertices[0]).max())
+    return bool((heights <= 1e-12 * size**3).all())
+
+
 def _refuse_crossing(name: str, vertices: FloatArray, faces: IntArray) -> None:
+    if _is_convex(vertices, faces):
+        return
     crossing = find_crossing(vertices, faces)
     if crossing is not None:
         x, y, z = crossing.place

@@ -12,7 +12,7 @@ import trimesh
 from click.testing import CliRunner
 
 from lenscal.document import read_document
-from lenscal.errors import FileError, InputError, PlanningError, UnitError
+from lenscal.errors import FileError, GeometryError, InputError, PlanningError, UnitError
 from lenscal.maps.fit import fit_lens_map
 from planning import cli
 from planning.enclosure import example_part
@@ -78,6 +78,33 @@ def test_visibility_writes_the_region(folder, ending: str) -> None:
     assert "audit: 0 of 500 viewpoints disagree" in done.output
     region = trimesh.load_mesh(out)
     assert np.abs(region.bounds).max() == pytest.approx(1.0 if ending == "glb" else 1000.0)
+
+
+def test_visibility_of_several_targets_with_page_and_picture(folder, tmp_path) -> None:
+    done = run(
+        cli.visibility, folder / "part.ply", "--unit", "mm", "--target", "0,0,0 mm",
+        "--target", "-5,0,0; 5,0,0 mm", "--workspace", "-30,-80,3.3,30,80,100 cm",
+        "-o", tmp_path / "deep" / "region.glb", "--html", tmp_path / "region.html",
+        "--png", tmp_path / "region.png", "--audit-points", 100,
+    )  # fmt: skip
+    assert "audit: 0 of 200 viewpoints disagree" in done.output
+    for name in ("deep/region.glb", "deep/region.json", "region.html", "region.png"):
+        assert f"wrote {tmp_path / name}" in done.output
+        assert (tmp_path / name).stat().st_size > 500
+    nodes = trimesh.load_scene(tmp_path / "deep/region.glb").graph.nodes_geometry
+    assert set(nodes) == {"part", "target", "region", "workspace"}
+
+
+def test_visibility_says_what_it_chose_and_what_is_bare(folder, tmp_path, bench) -> None:
+    box = bench.box((0, 0, 0), (9, 9, 9))
+    open_box = trimesh.Trimesh(box.vertices, box.faces[2:], process=False)
+    open_box.export(tmp_path / "open.stl")
+    words = [tmp_path / "open.stl", "--unit", "mm", "--target", "4,4,9 mm", "--audit-points", 50]
+    with pytest.raises(GeometryError, match="open.stl is no closed solid: .* or have it taken as"):
+        run(cli.visibility, *words)
+    done = run(cli.visibility, *words, "--as-faces")
+    assert "workspace: 45 mm to all sides of the target's centre" in done.output
+    assert "bare faces: open.stl" in done.output
 
 
 def test_visibility_says_why_there_is_no_region(folder, tmp_path) -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import re
 
+import manifold3d
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import planning.boolean
 from lenscal.errors import FileError, GeometryError, InputError, UnitError
 from lenscal.pose import Pose
 from planning.body import Body
@@ -245,6 +247,25 @@ def test_manifold_library_gets_only_manifolds(bench) -> None:
     cube = bench.box((0, 0, 0), (1, 1, 1))
     with pytest.raises(GeometryError, match="lid cannot be used as a solid .NotManifold."):
         to_manifold("lid", cube.vertices, cube.faces[:-1])
+
+
+def test_a_mesh_that_the_library_alters_is_refused(bench, monkeypatch) -> None:
+    """It collapses slivers as it takes a mesh over; here it loses half of the cube."""
+
+    class Losing:
+        def __init__(self, mesh) -> None:
+            self.mesh = mesh
+
+        def status(self):
+            return manifold3d.Error.NoError
+
+        def volume(self) -> float:
+            return 0.5
+
+    monkeypatch.setattr(planning.boolean, "Manifold", Losing)
+    cube = bench.box((0, 0, 0), (1, 1, 1))
+    with pytest.raises(GeometryError, match=r"lid changed by 5.0e-01 of its box when it was taken"):
+        to_manifold("lid", cube.vertices, cube.faces)
 
 
 @settings(max_examples=30, deadline=None)
