@@ -1,14 +1,13 @@
-"""Closed solids as plain arrays: volume, membership and distance in float64, without any library.
+"""Closed solids as plain arrays: volume, membership and distance, all in double precision.
 
-Membership is by the winding number (the solid angle that the surface subtends, over 4π), which has
-no special cases: no ray that grazes an edge, no direction to choose.
+What makes membership and distance fast is prepared when first asked for, and kept.
 """
 
 from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Final
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +15,11 @@ import trimesh
 
 from lenscal.arrays import BoolArray, FloatArray, IntArray, frozen_array
 from lenscal.errors import GeometryError
+from planning.membership import Membership
+from planning.nearest import NearestSurface
 
-#: Pairs of point and triangle that are worked on at once, so that they stay in the cache.
-_PAIRS_AT_ONCE: Final = 200_000
 
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Solid:
     """A volume bounded by triangles that face outwards.
 
@@ -101,10 +99,11 @@ class Solid:
         """Whether there is nothing at all."""
         return len(self.faces) == 0
 
-    @property
+    @cached_property
     def triangles_mm(self) -> FloatArray:
         """(F, 3, 3) corners of each face in mm."""
         triangles: FloatArray = self.vertices_mm[self.faces]
+        triangles.setflags(write=False)
         return triangles
 
     @property
@@ -144,13 +143,9 @@ class Solid:
             (...). On the surface itself either answer may come.
         """
         points = frozen_array("points_mm", points_mm, ("...", 3))
-        flat = points.reshape(-1, 3)
-        inside = np.zeros(len(flat), dtype=bool)
-        if not self.is_empty and len(flat):
-            low, high = self.bounds_mm
-            near = np.flatnonzero(((flat >= low) & (flat <= high)).all(axis=1))
-            inside[near] = winding_number(flat[near], self.triangles_mm) > 0.5
-        return inside.reshape(points.shape[:-1])
+        if self.is_empty:
+            return np.zeros(points.shape[:-1], dtype=bool)
+        return self._membership.contains(points.reshape(-1, 3)).reshape(points.shape[:-1])
 
     def distance_to_surface_mm(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Measure how far points are from the surface.
@@ -166,17 +161,17 @@ class Solid:
             (...) unsigned distance in mm; infinite when the solid is empty.
         """
         points = frozen_array("points_mm", points_mm, ("...", 3))
-        flat = points.reshape(-1, 3)
-        distance = np.full(len(flat), np.inf)
-        if not self.is_empty:
-            triangles = self.triangles_mm
-            for part in _parts(len(flat), len(triangles)):
-                count = len(flat[part])
-                nearest = trimesh.triangles.closest_point(
-                    np.tile(triangles, (count, 1, 1)), np.repeat(flat[part], len(triangles), axis=0)
-                ).reshape(count, -1, 3)
-                distance[part] = np.linalg.norm(nearest - flat[part][:, None], axis=-1).min(axis=1)
-        return distance.reshape(points.shape[:-1])
+        if self.is_empty:
+            return np.full(points.shape[:-1], np.inf)
+        return self._surface.distance(points.reshape(-1, 3)).reshape(points.shape[:-1])
+
+    @cached_property
+    def _membership(self) -> Membership:
+        return Membership(self.triangles_mm)
+
+    @cached_property
+    def _surface(self) -> NearestSurface:
+        return NearestSurface(self.triangles_mm)
 
     def to_mesh(self) -> trimesh.Trimesh:
         """Hand the solid over to trimesh.
@@ -215,43 +210,6 @@ def box_workspace(low_mm: npt.ArrayLike, high_mm: npt.ArrayLike) -> Solid:
         )
     unit = trimesh.creation.box(bounds=[[0, 0, 0], [1, 1, 1]])
     return Solid(np.where(unit.vertices > 0.5, high, low), unit.faces)
-
-
-def winding_number(points: FloatArray, triangles: FloatArray) -> FloatArray:
-    """Count how often a closed surface goes around each point.
-
-    Source: A. van Oosterom and J. Strackee, "The solid angle of a plane triangle" (1983).
-
-    Parameters
-    ----------
-    points
-        (N, 3) points.
-    triangles
-        (F, 3, 3) triangles of closed surfaces.
-
-    Returns
-    -------
-    FloatArray
-        (N,) 1 inside, 0 outside, to rounding.
-    """
-    turns = np.zeros(len(points))
-    for part in _parts(len(points), len(triangles)):
-        a, b, c = (triangles[:, k] - points[part][:, None] for k in range(3))
-        length_a, length_b, length_c = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
-        numerator = np.einsum("...i,...i", a, np.cross(b, c))
-        denominator = (
-            length_a * length_b * length_c
-            + np.einsum("...i,...i", a, b) * length_c
-            + np.einsum("...i,...i", b, c) * length_a
-            + np.einsum("...i,...i", c, a) * length_b
-        )
-        turns[part] = np.arctan2(numerator, denominator).sum(axis=-1) / (2 * np.pi)
-    return turns
-
-
-def _parts(points: int, triangles: int) -> list[slice]:
-    step = max(1, _PAIRS_AT_ONCE // max(1, triangles))
-    return [slice(start, start + step) for start in range(0, points, step)]
 
 
 def _refuse_open(name: str, vertices: FloatArray, faces: IntArray) -> None:

@@ -1,28 +1,30 @@
-"""An independent exact test of "sees the whole target", and the audit of a region by it.
+"""The audit of a region: random viewpoints, judged by the region and by an independent exact test.
 
-A viewpoint v sees all of a convex T when the pyramid hull(v, T) and the faces of the scene do not
-meet. Here this is decided by the separating-axis theorem, on the faces as they are: nothing is
-merged, cut or left out, no shadow is built, so that a fault there cannot hide here.
+Half of them lie anywhere in the workspace, a quarter about the region, and a quarter close to its
+boundary, on either side, where a fault would show.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from functools import reduce
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from lenscal.arrays import BoolArray, FloatArray, frozen_array
+from lenscal.arrays import BoolArray, FloatArray
 from planning.scene import Scene
 from planning.solid import Solid
 from planning.target import Target
+from planning.visibility.exact_test import ExactTest
 
-#: Pairs of viewpoint and triangle that are worked on at once.
-_PAIRS_AT_ONCE: Final = 5_000
-#: Contact, not penetration, in units of the largest distance between viewpoint and target.
-_CONTACT: Final = 1e-12
+if TYPE_CHECKING:
+    from planning.visibility.region import Region
+
+#: How near to the boundary, as a share of the workspace's diagonal, the audit does not judge.
+TOLERANCE: Final = 1e-6
+#: How far from the boundary, as shares of the workspace's diagonal, viewpoints close to it lie.
+_CLOSE: Final = (3e-6, 3e-2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +69,68 @@ class Audit:
         """
         return asdict(self)
 
+    def with_viewpoints(self, region: Region, points_mm: FloatArray, sees: BoolArray) -> Audit:
+        """Compare a region with what an exact test found, and add that to the record.
+
+        The region is asked in both ways that it can be: by its factors, and by its solid.
+
+        Parameters
+        ----------
+        region
+            The region.
+        points_mm
+            (N, 3) viewpoints in mm, inside of the workspace.
+        sees
+            (N,) whether the exact test found that they see the whole target.
+
+        Returns
+        -------
+        Audit
+            A new record.
+        """
+        wrong = sees != region.contains(points_mm)
+        wrong |= sees != region.solid.contains(points_mm)
+        away = region.solid.distance_to_surface_mm(points_mm[wrong]) > self.tolerance_mm
+        return Audit(
+            viewpoints=self.viewpoints + len(points_mm),
+            disagreements=self.disagreements + int(away.sum()),
+            near_boundary=self.near_boundary + int((~away).sum()),
+            tolerance_mm=self.tolerance_mm,
+            visible=self.visible + int(sees.sum()),
+            imbalance=self.imbalance,
+            repairs=self.repairs,
+        )
+
+    def combined(self, other: Audit, imbalance: float) -> Audit:
+        """Add up the records of two regions that were intersected.
+
+        Parameters
+        ----------
+        other
+            The record of the other region.
+        imbalance
+            By how much the volumes of the intersection fail to add up.
+
+        Returns
+        -------
+        Audit
+            Counts are added, the worse of tolerances and imbalances is kept.
+        """
+        return Audit(
+            viewpoints=self.viewpoints + other.viewpoints,
+            disagreements=self.disagreements + other.disagreements,
+            near_boundary=self.near_boundary + other.near_boundary,
+            tolerance_mm=max(self.tolerance_mm, other.tolerance_mm),
+            visible=self.visible + other.visible,
+            imbalance=max(self.imbalance, other.imbalance, imbalance),
+            repairs=self.repairs + other.repairs,
+        )
+
 
 def sees_whole_target(viewpoints_mm: npt.ArrayLike, target: Target, scene: Scene) -> BoolArray:
     """Decide exactly which viewpoints see all of a target.
+
+    For many targets of one scene, keep an `ExactTest` instead.
 
     Parameters
     ----------
@@ -86,33 +147,13 @@ def sees_whole_target(viewpoints_mm: npt.ArrayLike, target: Target, scene: Scene
         (...). A viewpoint in the plane of a polygon or behind it sees nothing; nor does one inside
         of a body.
     """
-    given = frozen_array("viewpoints_mm", viewpoints_mm, ("...", 3))
-    points = given.reshape(-1, 3)
-    if target.is_segment:
-        sees = ~scene.inside_material(points)
-        contact = _CONTACT
-    else:
-        sees = (points - target.centroid_mm) @ target.normal > target.flatness_mm
-        reach = np.linalg.norm(points - target.centroid_mm, axis=-1).max(initial=target.size_mm)
-        contact = max(_CONTACT, 4 * target.flatness_mm / float(reach))
-    origin = target.centroid_mm
-    triangles = scene.triangles_mm - origin
-    if not target.is_segment:
-        triangles = triangles[(triangles @ target.normal > 0).any(axis=1)]
-    # What is near the target hides most: viewpoints that are known to be blocked drop out early.
-    triangles = triangles[np.argsort(np.linalg.norm(triangles, axis=-1).min(axis=1))]
-    for piece in target.pieces:
-        corners = target.vertices_mm[piece] - origin
-        if not target.is_segment:
-            corners = corners - np.outer(corners @ target.normal, target.normal)
-        _drop_blocked(sees, points - origin, corners, triangles, contact)
-    return sees.reshape(given.shape[:-1])
+    return ExactTest(scene).sees(viewpoints_mm, target)
 
 
 def random_viewpoints(
     workspace: Solid, region: Solid, count: int, generator: np.random.Generator
 ) -> FloatArray:
-    """Draw viewpoints, half of them all over the workspace, half about the region.
+    """Draw viewpoints all over the workspace, about the region, and close to its boundary.
 
     Parameters
     ----------
@@ -130,11 +171,14 @@ def random_viewpoints(
     FloatArray
         (count, 3) points in mm, all inside the workspace.
     """
-    half = count // 2 if not region.is_empty else 0
+    about = 0 if region.is_empty else count // 4
+    close = _close_to_boundary(workspace, region, about, generator)
+    bounds = region.bounds_mm if about else workspace.bounds_mm
     return np.concatenate(
         [
-            _inside(workspace, workspace.bounds_mm, count - half, generator),
-            _inside(workspace, region.bounds_mm, half, generator),
+            close,
+            _inside(workspace, bounds, about, generator),
+            _inside(workspace, workspace.bounds_mm, count - about - len(close), generator),
         ]
     )
 
@@ -144,80 +188,24 @@ def _inside(
 ) -> FloatArray:
     found = np.zeros((0, 3))
     while len(found) < count:
-        drawn = generator.uniform(bounds[0], bounds[1], (2 * count, 3))
+        drawn = generator.uniform(bounds[0], bounds[1], (2 * (count - len(found)) + 16, 3))
         found = np.concatenate([found, drawn[workspace.contains(drawn)]])
     return found[:count]
 
 
-def _drop_blocked(
-    sees: BoolArray,
-    points: FloatArray,
-    corners: FloatArray,
-    triangles: FloatArray,
-    contact: float,
-) -> None:
-    """Clear `sees` where a triangle reaches into the pyramid of a viewpoint."""
-    low, high = triangles.min(axis=1), triangles.max(axis=1)
-    step = max(1, 40 * _PAIRS_AT_ONCE // max(1, len(points)))
-    for start in range(0, len(triangles), step):
-        left = np.flatnonzero(sees)
-        if not len(left):
-            return
-        part = slice(start, start + step)
-        pyramid_low = np.minimum(points[left], corners.min(axis=0))[:, None]
-        pyramid_high = np.maximum(points[left], corners.max(axis=0))[:, None]
-        meets = ((pyramid_low <= high[part]) & (low[part] <= pyramid_high)).all(axis=-1)
-        viewpoint, triangle = np.nonzero(meets)
-        for first in range(0, len(viewpoint), _PAIRS_AT_ONCE):
-            pair = slice(first, first + _PAIRS_AT_ONCE)
-            who = left[viewpoint[pair]]
-            blocked = _penetrates(points[who], corners, triangles[start + triangle[pair]], contact)
-            sees[who[blocked]] = False
-
-
-def _penetrates(
-    apexes: FloatArray, base: FloatArray, triangles: FloatArray, contact: float
-) -> BoolArray:
-    """(K,) whether the inside of each pyramid meets its triangle, by the separating-axis theorem.
-
-    Two convex bodies are apart when the normal of a face of either, or the cross product of an edge
-    of each, has one on each side. The normals settle most pairs, the products are for the rest.
-    """
-    rim = (np.roll(base, -1, axis=0) - base)[: 1 if len(base) == 2 else None]
-    sides = apexes[:, None] - base
-    edges = np.roll(triangles, -1, axis=1) - triangles
-    normals = [np.cross(rim, sides[:, : len(rim)]), np.cross(edges[:, :1], edges[:, 1:2])]
-    if len(base) > 2:
-        base_normal = np.cross(rim[0], base[2] - base[0])
-        normals.append(np.broadcast_to(base_normal, (len(apexes), 1, 3)))
-    limit = -contact * np.linalg.norm(sides, axis=-1).max(axis=1)
-    inside: BoolArray = (
-        _widest_gap(np.concatenate(normals, axis=1), apexes, base, triangles) < limit
-    )
-    open_ = np.flatnonzero(inside)
-    all_edges = np.concatenate(
-        [np.broadcast_to(rim, (len(open_), *rim.shape)), sides[open_]], axis=1
-    )
-    products = np.cross(all_edges[:, :, None], edges[open_][:, None])
-    products = products.reshape(len(open_), 3 * all_edges.shape[1], 3)
-    gap = _widest_gap(products, apexes[open_], base, triangles[open_])
-    inside[open_] = gap < limit[open_]
-    return inside
-
-
-def _widest_gap(
-    axes: FloatArray, apexes: FloatArray, base: FloatArray, triangles: FloatArray
+def _close_to_boundary(
+    workspace: Solid, region: Solid, count: int, generator: np.random.Generator
 ) -> FloatArray:
-    """(K,) widest gap between pyramid and triangle along (K, A, 3) axes; negative: they overlap."""
-    length = np.sqrt(np.einsum("kai,kai->ka", axes, axes))
-    with np.errstate(divide="ignore"):
-        scale = np.where(length > 0, 1.0 / length, 0.0)
-    pyramid = [np.einsum("kai,ki->ka", axes, apexes), *(axes @ corner for corner in base)]
-    triangle = [np.einsum("kai,ki->ka", axes, triangles[:, k]) for k in range(3)]
-    gap = np.maximum(
-        reduce(np.minimum, pyramid) - reduce(np.maximum, triangle),
-        reduce(np.minimum, triangle) - reduce(np.maximum, pyramid),
-    )
-    # An axis of no length (parallel edges) separates nothing.
-    widest: FloatArray = np.where(length > 0, gap * scale, -np.inf).max(axis=1)
-    return widest
+    """Up to (count, 3) points on either side of the boundary; those outside of the workspace go."""
+    if not count:
+        return np.zeros((0, 3))
+    triangles = region.triangles_mm
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(normals, axis=-1)
+    which = generator.choice(len(area), count, p=area / area.sum())
+    places = np.einsum("kj,kji->ki", generator.dirichlet(np.ones(3), count), triangles[which])
+    diagonal = float(np.linalg.norm(np.ptp(workspace.bounds_mm, axis=0)))
+    away = diagonal * np.exp(generator.uniform(np.log(_CLOSE[0]), np.log(_CLOSE[1]), count))
+    away *= generator.choice([-1.0, 1.0], count)
+    points: FloatArray = places + (away / area[which])[:, None] * normals[which]
+    return points[workspace.contains(points)]

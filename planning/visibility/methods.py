@@ -7,27 +7,32 @@ independent test audits what comes out.
 
 from __future__ import annotations
 
+import importlib.metadata
 from collections.abc import Callable
-from typing import Final
+from dataclasses import replace
+from typing import Any, Final
 
 import numpy as np
 from manifold3d import Manifold
 
+from lenscal.document import digest
 from lenscal.errors import GeometryError, InputError
 from planning.boolean import from_manifold, intersect, to_manifold
 from planning.scene import Scene
 from planning.solid import Solid
 from planning.target import Target
-from planning.visibility.audit import Audit, random_viewpoints, sees_whole_target
+from planning.visibility.audit import TOLERANCE, Audit, random_viewpoints
+from planning.visibility.diagnosis import why_hidden
 from planning.visibility.direct import direct_factors
-from planning.visibility.factor import Factor
+from planning.visibility.exact_test import ExactTest
+from planning.visibility.factor import Factor, PlacedFactor
 from planning.visibility.frame import TargetFrame
 from planning.visibility.region import Region
 
-#: How near to the boundary, as a share of the workspace's diagonal, the audit does not look.
-_AUDIT_TOLERANCE: Final = 1e-6
 #: How far in front of the target, as a share of its size, there must be no material.
 _JUST_IN_FRONT: Final = 1e-6
+#: How many viewpoints are tried to find out what hides a target from everywhere.
+_DIAGNOSED: Final = 500
 
 #: Computes a factor for each convex piece of a target within the frame's extent.
 Method = Callable[[Scene, Target, TargetFrame], list[Factor]]
@@ -42,6 +47,7 @@ def visibility_region(
     method: str = "direct",
     audit_points: int = 10_000,
     seed: int = 0,
+    exact_test: ExactTest | None = None,
 ) -> Region:
     """Compute exactly from where in a workspace the whole of a target is seen.
 
@@ -52,13 +58,15 @@ def visibility_region(
     target
         A polygon, or a segment, which has no plane and so no front.
     workspace
-        Where the projection centre may be, a closed solid in the part's frame.
+        Where the projection centre may be, in the part's frame: a box, or any closed solid.
     method
         "direct": shadows of convex pieces are subtracted from the workspace.
     audit_points
         How many random viewpoints are compared with the independent exact test.
     seed
         Seed of those viewpoints.
+    exact_test
+        The scene prepared for that test, where the caller has it for many targets.
 
     Returns
     -------
@@ -70,13 +78,15 @@ def visibility_region(
     InputError
         When the method is not known.
     GeometryError
-        When material covers the target, or the boolean operations fail.
+        When material covers the target, the workspace is no closed solid, or the boolean operations
+        fail.
     """
     if method not in METHODS:
         raise InputError(
             f"unknown method {method!r} of computing visibility; available are "
             f"{', '.join(map(repr, METHODS))}"
         )
+    workspace = Solid.closed("the workspace", workspace.vertices_mm, workspace.faces)
     _refuse_covered(scene, target)
     frame = TargetFrame.around(target, workspace)
     local = to_manifold("the workspace", frame.to_local(workspace.vertices_mm), workspace.faces)
@@ -89,55 +99,48 @@ def visibility_region(
     for factor in factors:
         local, imbalance = intersect(local, factor.solid)
         imbalances.append(imbalance / whole)
-    if not in_front:
-        local = Manifold()
-    vertices, faces = from_manifold(local)
+    vertices, faces = from_manifold(local if in_front else Manifold())
     solid = Solid(frame.to_part(vertices), faces)
+    region = Region(
+        solid,
+        workspace,
+        _unaudited(workspace, imbalances, factors),
+        _why_empty(scene, target, workspace, solid, in_front),
+        tuple(PlacedFactor(factor, frame) for factor in factors),
+        excluded=tuple(scene.bodies) if target.is_segment else (),
+        evidence=_evidence(scene, target, method, seed),
+    )
+    if not audit_points:
+        return region
+    points = random_viewpoints(workspace, solid, audit_points, np.random.default_rng(seed))
+    sees = (exact_test or ExactTest(scene)).sees(points, target)
+    return replace(region, audit=region.audit.with_viewpoints(region, points, sees))
+
+
+def _unaudited(workspace: Solid, imbalances: list[float], factors: list[Factor]) -> Audit:
+    tolerance = TOLERANCE * float(np.linalg.norm(np.ptp(workspace.bounds_mm, axis=0)))
     repairs = sum(factor.repairs for factor in factors)
-    audit = _audited(
-        scene, target, workspace, solid, audit_points, seed, max(imbalances, default=0.0), repairs
-    )
-    return Region(solid, workspace, audit, _why_empty(solid, in_front))
-
-
-def _audited(
-    scene: Scene,
-    target: Target,
-    workspace: Solid,
-    solid: Solid,
-    count: int,
-    seed: int,
-    imbalance: float,
-    repairs: int,
-) -> Audit:
-    tolerance = _AUDIT_TOLERANCE * float(np.linalg.norm(np.ptp(workspace.bounds_mm, axis=0)))
-    points = random_viewpoints(workspace, solid, count, np.random.default_rng(seed))
-    sees = sees_whole_target(points, target, scene)
-    different = points[sees != solid.contains(points)]
-    away = solid.distance_to_surface_mm(different) > tolerance
-    return Audit(
-        viewpoints=count,
-        disagreements=int(away.sum()),
-        near_boundary=int((~away).sum()),
-        tolerance_mm=tolerance,
-        visible=int(sees.sum()),
-        imbalance=imbalance,
-        repairs=repairs,
-    )
+    return Audit(0, 0, 0, tolerance, 0, max(imbalances, default=0.0), repairs)
 
 
 def _refuse_covered(scene: Scene, target: Target) -> None:
-    if target.is_segment:
-        return
+    """Of a polygon, the front must be free; a segment may lie on material, but not in it."""
     middles = np.array([target.vertices_mm[piece].mean(axis=0) for piece in target.pieces])
-    lifted = middles + _JUST_IN_FRONT * target.size_mm * target.normal
-    covered = scene.inside_material(lifted)
+    away = _JUST_IN_FRONT * target.size_mm
+    if target.is_segment:
+        covered = scene.inside_material(middles)
+        for body in scene.bodies:
+            covered &= body.distance_to_surface_mm(middles) > away
+        advice = "a segment may lie on the surface of the part, but not inside of it"
+    else:
+        covered = scene.inside_material(middles + away * target.normal)
+        advice = (
+            "its vertices must go around it counter-clockwise seen from outside of the part, and "
+            "nothing may cover it"
+        )
     if covered.any():
         x, y, z = middles[np.argmax(covered)]
-        raise GeometryError(
-            f"material lies on the target at ({x:g}, {y:g}, {z:g}) mm; its vertices must go around "
-            "it counter-clockwise seen from outside of the part, and nothing may cover it"
-        )
+        raise GeometryError(f"material lies on the target at ({x:g}, {y:g}, {z:g}) mm; {advice}")
 
 
 def _without_material(local: Manifold, scene: Scene, frame: TargetFrame) -> Manifold:
@@ -148,9 +151,21 @@ def _without_material(local: Manifold, scene: Scene, frame: TargetFrame) -> Mani
     return local
 
 
-def _why_empty(solid: Solid, in_front: bool) -> str:
+def _why_empty(scene: Scene, target: Target, workspace: Solid, solid: Solid, in_front: bool) -> str:
     if not solid.is_empty:
         return ""
     if not in_front:
         return "the whole workspace lies behind the plane of the target"
-    return "every viewpoint in the workspace has material between it and some point of the target"
+    tried = random_viewpoints(workspace, solid, _DIAGNOSED, np.random.default_rng(0))
+    return why_hidden(scene, target, tried)
+
+
+def _evidence(scene: Scene, target: Target, method: str, seed: int) -> dict[str, Any]:
+    names = ("lenscal", "manifold3d", "numpy")
+    return {
+        "method": method,
+        "audit_seed": seed,
+        "scene_digest": scene.digest,
+        "target_digest": digest({"vertices_mm": target.vertices_mm.tolist()}),
+        "made_with": {name: importlib.metadata.version(name) for name in names},
+    }

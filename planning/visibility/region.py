@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 from manifold3d import Manifold
 
-from lenscal.arrays import BoolArray, FloatArray
+from lenscal.arrays import BoolArray, FloatArray, frozen_array
 from planning.boolean import from_manifold, intersect, to_manifold
 from planning.solid import Solid
 from planning.visibility.audit import Audit
+from planning.visibility.factor import PlacedFactor
+
+#: Points that are asked at once, so that what is left of them stays in the cache.
+_AT_ONCE: Final = 65_536
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Region:
     """A solid of viewpoints, with the evidence that it is right.
+
+    It is kept in two ways: as one solid, and as what was intersected to make it. The factors, one
+    for each convex piece of the target, are star-shaped, so they tell quickly what lies inside.
 
     Parameters
     ----------
@@ -29,12 +38,25 @@ class Region:
         What the independent test found.
     why_empty
         A sentence, empty when the region is not.
+    factors
+        What sees each convex piece of the target, before any cut. None at all when the region was
+        not made of such; then the solid itself is asked.
+    limits
+        Other solids that it was intersected with.
+    excluded
+        Solids that were cut out of it.
+    evidence
+        What it was made of and how, as JSON can hold it.
     """
 
     solid: Solid
     workspace: Solid
     audit: Audit
     why_empty: str = ""
+    factors: tuple[PlacedFactor, ...] = ()
+    limits: tuple[Solid, ...] = ()
+    excluded: tuple[Solid, ...] = ()
+    evidence: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def is_empty(self) -> bool:
@@ -59,7 +81,14 @@ class Region:
         BoolArray
             (...). On the boundary itself either answer may come.
         """
-        return self.solid.contains(points)
+        given = frozen_array("points", points, ("...", 3))
+        flat = given.reshape(-1, 3)
+        inside = np.zeros(len(flat), dtype=bool)
+        if not self.is_empty:
+            for start in range(0, len(flat), _AT_ONCE):
+                part = slice(start, start + _AT_ONCE)
+                inside[part] = self._contains(flat[part])
+        return inside.reshape(given.shape[:-1])
 
     def distance_to_boundary(self, points: npt.ArrayLike) -> FloatArray:
         """Measure how far points are from the boundary, that with the workspace included.
@@ -88,6 +117,25 @@ class Region:
         """
         return self.solid.to_mesh()
 
+    def to_dict(self) -> dict[str, Any]:
+        """Give the record that goes with whatever the region is saved as.
+
+        Returns
+        -------
+        dict
+            Volume, reason why it is empty, audit, digests of what it was made of, versions of what
+            made it; as JSON can hold it.
+        """
+        return {
+            "volume_mm3": self.volume_mm3,
+            "workspace_volume_mm3": self.workspace.volume_mm3,
+            "why_empty": self.why_empty,
+            "audit": self.audit.to_dict(),
+            "solid_digest": self.solid.digest,
+            "workspace_digest": self.workspace.digest,
+            **self.evidence,
+        }
+
     def intersect(self, other: Region) -> Region:
         """Keep the viewpoints that two regions share, such as those that see two targets.
 
@@ -99,27 +147,45 @@ class Region:
         Returns
         -------
         Region
-            What both share. Its audit adds up theirs: no viewpoint is tried again.
+            What both share, in the workspace of the first. Its audit adds up theirs: no viewpoint
+            is tried again.
         """
         centre, scale = _centre_and_scale(self.workspace)
         common, imbalance = intersect(
             _local("the region", self.solid, centre, scale),
             _local("the other region", other.solid, centre, scale),
         )
+        whole = self.workspace.volume_mm3 / scale**3
         vertices, faces = from_manifold(common)
         solid = Solid(vertices * scale + centre, faces)
-        first, second = self.audit, other.audit
-        audit = Audit(
-            first.viewpoints + second.viewpoints,
-            first.disagreements + second.disagreements,
-            first.near_boundary + second.near_boundary,
-            max(first.tolerance_mm, second.tolerance_mm),
-            first.visible + second.visible,
-            max(first.imbalance, second.imbalance, imbalance),
-            first.repairs + second.repairs,
-        )
         why = self.why_empty or other.why_empty or "the two regions share no viewpoint"
-        return Region(solid, self.workspace, audit, why if solid.is_empty else "")
+        limits = {id(limit): limit for limit in (*self._bounds(), *other._bounds())}
+        return Region(
+            solid,
+            self.workspace,
+            self.audit.combined(other.audit, imbalance / whole),
+            why if solid.is_empty else "",
+            self.factors + other.factors,
+            tuple(limit for limit in limits.values() if limit is not self.workspace),
+            self.excluded + other.excluded,
+            {"intersection_of": [self.to_dict(), other.to_dict()]},
+        )
+
+    def _contains(self, points: FloatArray) -> BoolArray:
+        """Ask what is quick first, and the rest only of what is left."""
+        inside: BoolArray = self.workspace.contains(points)
+        parts: tuple[Solid | PlacedFactor, ...] = (*self._bounds()[1:], *self.factors)
+        for part in parts:
+            left = np.flatnonzero(inside)
+            inside[left] = part.contains(points[left])
+        for solid in self.excluded:
+            left = np.flatnonzero(inside)
+            inside[left] = ~solid.contains(points[left])
+        return inside
+
+    def _bounds(self) -> tuple[Solid, ...]:
+        """All solids that it lies in, the workspace first."""
+        return (self.workspace, *self.limits, *(() if self.factors else (self.solid,)))
 
 
 def _centre_and_scale(workspace: Solid) -> tuple[FloatArray, float]:
