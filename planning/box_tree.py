@@ -104,3 +104,24 @@ class BoxTree:
             for start in range(0, len(asked), _PAIRS_AT_ONCE):
                 part = slice(start, start + _PAIRS_AT_ONCE)
                 stack.append((level + 1, asked[part], children[part]))
+
+
+def squared_distance(points: FloatArray, centres: FloatArray, halves: FloatArray) -> FloatArray:
+    """Measure how far points are from boxes.
+
+    Parameters
+    ----------
+    points
+        (K, 3) points.
+    centres, halves
+        (K, 3) centre and half size of a box for each.
+
+    Returns
+    -------
+    FloatArray
+        (K,) squared distances, zero inside.
+    """
+    beyond = np.abs(centres - points) - halves
+    np.maximum(beyond, 0.0, out=beyond)
+    squared: FloatArray = np.einsum("ki,ki->k", beyond, beyond)
+    return squared

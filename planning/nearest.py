@@ -8,11 +8,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lenscal.arrays import BoolArray, FloatArray, IntArray
-from planning.box_tree import BoxTree
+from planning.box_tree import BoxTree, squared_distance
 from planning.vectors import cross, dot
 
-#: Triangles about a point that are measured first, for a bound on the distance.
-_TRIED_FIRST: Final = 4
+#: A triangle whose corner is narrower than this sine is what its edges are: its plane is unsure.
+_SLIVER: Final = 1e-8
+#: How unsure the height above a plane is at most, as a share of the size of everything.
+_UNSURE: Final = 1e-7
 #: Pairs of point and triangle that are worked on at once.
 _PAIRS_AT_ONCE: Final = 16_384
 
@@ -33,13 +35,12 @@ class NearestSurface:
         self._triangles = triangles - self._origin
         self._tree = BoxTree(self._triangles.min(axis=1), self._triangles.max(axis=1))
         a, b, c = np.moveaxis(self._triangles, 1, 0)
-        normals = cross(b - a, c - a)
-        length = np.linalg.norm(normals, axis=-1, keepdims=True)
-        # A triangle without area has no plane that it could be far away from.
-        self._normals: FloatArray = normals / np.where(length > 0, length, 1.0)
+        normals, length = _plane_normals(b - a, c - b)
+        # A sliver has no plane that it could be known to be far away from.
+        self._normals: FloatArray = normals / np.where(length > 0, length, np.inf)[:, None]
         self._offsets: FloatArray = dot(self._normals, a)
-        middles = self._triangles.mean(axis=1)
-        self._middles = cKDTree(np.concatenate([middles, self._triangles.reshape(-1, 3)]))
+        # Each place once: a tree of repeated points is slow.
+        self._corners = cKDTree(np.unique(self._triangles.reshape(-1, 3), axis=0))
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Measure the distance to the nearest triangle.
@@ -55,24 +56,19 @@ class NearestSurface:
             (N,) unsigned, in the unit of the triangles.
         """
         local = points - self._origin
-        count = len(self._triangles)
-        _, found = self._middles.query(local, min(_TRIED_FIRST, 4 * count))
-        entry = np.asarray(found).reshape(len(points), min(_TRIED_FIRST, 4 * count))
-        first = np.where(entry < count, entry, (entry - count) // 3)
-        best = np.full(len(points), np.inf)
-        for column in first.T:
-            np.minimum(best, self._measure(local, column), out=best)
+        # No triangle that matters is farther away than the nearest corner.
+        best = np.asarray(self._corners.query(local)[0])
 
         def meets(which: IntArray, centres: FloatArray, halves: FloatArray) -> BoolArray:
-            beyond = np.abs(centres - local.take(which, 0)) - halves
-            np.maximum(beyond, 0.0, out=beyond)
-            nearer: BoolArray = np.einsum("ki,ki->k", beyond, beyond) < best.take(which) ** 2
+            squared = squared_distance(local.take(which, 0), centres, halves)
+            nearer: BoolArray = squared < best.take(which) ** 2
             return nearer
 
+        unsure = _UNSURE * float(max(np.abs(local).max(initial=0.0), np.abs(self._triangles).max()))
         for which, face in self._tree.pairs(np.arange(len(points)), meets):
             asked = local.take(which, 0)
             height = np.abs(dot(self._normals.take(face, 0), asked) - self._offsets.take(face))
-            left = np.flatnonzero(height < best.take(which))
+            left = np.flatnonzero(height <= best.take(which) + unsure)
             np.minimum.at(best, which[left], self._measure(asked[left], face[left]))
         return best
 
@@ -94,7 +90,8 @@ def distance_to_triangles(points: FloatArray, triangles: FloatArray) -> FloatArr
     points
         (K, 3) points.
     triangles
-        (K, 3, 3) corners; a triangle without area is what is left of it, a line or a point.
+        (K, 3, 3) corners; a triangle without area is what is left of it, a line or a point, and so
+        is one that is a hundred million times longer than wide.
 
     Returns
     -------
@@ -109,11 +106,18 @@ def distance_to_triangles(points: FloatArray, triangles: FloatArray) -> FloatArr
         share = np.clip(-dot(start, edge) / np.where(length > 0, length, 1.0), 0.0, 1.0)
         nearest = start + share[:, None] * edge
         np.minimum(squared, dot(nearest, nearest), out=squared)
-    normal = cross(edges[0], edges[1])
-    area = dot(normal, normal)
-    above = area > 0
+    normal, length = _plane_normals(edges[0], edges[1])
+    above = length > 0
     for start, edge in zip(corners, edges, strict=True):
         above &= dot(cross(start, edge), normal) >= 0
-    height = dot(normal, corners[0]) ** 2 / np.where(area > 0, area, 1.0)
+    height = (dot(normal, corners[0]) / np.where(length > 0, length, 1.0)) ** 2
     distance: FloatArray = np.sqrt(np.where(above, np.minimum(height, squared), squared))
     return distance
+
+
+def _plane_normals(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(K, 3) cross products of two edges and (K,) their lengths, zero for slivers."""
+    normal = cross(first, second)
+    length = np.sqrt(dot(normal, normal))
+    sides = np.sqrt(dot(first, first) * dot(second, second))
+    return normal, np.where(length > _SLIVER * sides, length, 0.0)

@@ -13,8 +13,9 @@ from planning.visibility.exact_test import Occluders, in_front
 
 #: So many bodies, those that were met most often, are tried on their own.
 _SUSPECTS: Final = 8
-#: So many are named.
+#: So many are named, if they hide the target from this share of the viewpoints.
 _NAMED: Final = 3
+_WORTH_NAMING: Final = 0.01
 
 
 def why_hidden(scene: Scene, target: Target, viewpoints_mm: FloatArray) -> str:
@@ -49,7 +50,9 @@ def why_hidden(scene: Scene, target: Target, viewpoints_mm: FloatArray) -> str:
     worst = sorted(shares, key=lambda name: -shares[name])
     if shares[worst[0]] == 1.0:
         return f"{reason}; {worst[0]} alone hides it from all {len(points)} that were tried"
-    named = ", ".join(f"{name} from {shares[name]:.0%}" for name in worst[:_NAMED] if shares[name])
-    if not named:
-        return reason
-    return f"{reason}; of {len(points)} that were tried, {named}, each taken alone"
+    named = ", ".join(
+        f"{name} from {shares[name]:.0%}"
+        for name in worst[:_NAMED]
+        if shares[name] >= _WORTH_NAMING
+    )
+    return f"{reason}; of {len(points)} that were tried, it is hidden by {named}, each taken alone"

@@ -21,7 +21,7 @@ from planning.scene import Scene
 from planning.target import Target
 from planning.visibility.pyramid import Pyramids
 
-#: Contact, not penetration: what rounding does, as a share of the largest distance from viewpoint to
+#: Contact, not penetration: what rounding does, as a share of the distance from viewpoint to
 #: target. No more: a wall of height h on an edge of the target is missed within contact / h of its
 #: plane.
 _CONTACT: Final = 1e-14

@@ -128,8 +128,9 @@ class Pyramids:
             depth = np.matmul(self.normals.take(asked, 0), np.swapaxes(corners, 1, 2))
             depth -= self.offsets.take(asked, 0)[..., None]
             # A corner that is deep inside settles it, and so does a side that all are outside of.
-            met[part] = _most(_least(np.swapaxes(depth, 1, 2))) > contact
-            left = np.flatnonzero((_least(_most(depth)) > contact / 2) & ~met[part])
+            if len(self.base) > 2:
+                met[part] = _most(_least(np.swapaxes(depth, 1, 2))) > contact
+            left = np.flatnonzero(~met[part] & (_least(_most(depth)) > contact / 2))
             met[start + left] = self._overlap(asked[left], corners[left])
         return met
 
