@@ -13,10 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lenscal.arrays import BoolArray, FloatArray
-from planning.scene import Scene
 from planning.solid import Solid
 from planning.target import Target
-from planning.visibility.exact_test import ExactTest
+from planning.visibility.exact_test import ExactTest, Occluders
 
 if TYPE_CHECKING:
     from planning.visibility.region import Region
@@ -127,7 +126,7 @@ class Audit:
         )
 
 
-def sees_whole_target(viewpoints_mm: npt.ArrayLike, target: Target, scene: Scene) -> BoolArray:
+def sees_whole_target(viewpoints_mm: npt.ArrayLike, target: Target, scene: Occluders) -> BoolArray:
     """Decide exactly which viewpoints see all of a target.
 
     For many targets of one scene, keep an `ExactTest` instead.

@@ -9,7 +9,7 @@ import numpy as np
 from lenscal.arrays import FloatArray
 from planning.scene import Scene
 from planning.target import Target
-from planning.visibility.exact_test import Occluders, in_front
+from planning.visibility.exact_test import FaceSearch, in_front
 
 #: So many bodies, those that were met most often, are tried on their own.
 _SUSPECTS: Final = 8
@@ -40,12 +40,12 @@ def why_hidden(scene: Scene, target: Target, viewpoints_mm: FloatArray) -> str:
     if len(scene.bodies) == 1 or not len(points):
         return reason
     first_face = np.cumsum([0, *(len(body.faces) for body in scene.bodies)])
-    face = Occluders(scene.triangles_mm).blockers(points, target)
+    face = FaceSearch(scene.triangles_mm).blockers(points, target)
     met = np.searchsorted(first_face, face[face >= 0], side="right") - 1
     suspects = np.argsort(-np.bincount(met, minlength=len(scene.bodies)), kind="stable")
     shares: dict[str, float] = {}
     for body in suspects[:_SUSPECTS]:
-        alone = Occluders(scene.bodies[body].triangles_mm).blockers(points, target)
+        alone = FaceSearch(scene.bodies[body].triangles_mm).blockers(points, target)
         shares[scene.names[body]] = float((alone >= 0).mean())
     worst = sorted(shares, key=lambda name: -shares[name])
     if shares[worst[0]] == 1.0:

@@ -9,7 +9,7 @@ precision decide it, and a tree of boxes makes sure that no face is forgotten.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,6 @@ import numpy.typing as npt
 from lenscal.arrays import BoolArray, FloatArray, IntArray, frozen_array
 from planning.box_tree import BoxTree
 from planning.first_hit import FirstHit
-from planning.scene import Scene
 from planning.target import Target
 from planning.visibility.pyramid import Pyramids
 
@@ -34,6 +33,17 @@ _WORTHWHILE: Final = 0.02
 _FEW: Final = 64
 
 
+class Occluders(Protocol):
+    """What can hide a target: a scene, or a sheet without thickness."""
+
+    @property
+    def triangles_mm(self) -> FloatArray:
+        """(F, 3, 3) corners of all faces in mm."""
+
+    def inside_material(self, points_mm: npt.ArrayLike) -> BoolArray:
+        """Tell which points lie inside of bodies."""
+
+
 class ExactTest:
     """A scene, ready to be asked from where targets are seen whole.
 
@@ -45,9 +55,9 @@ class ExactTest:
         All bodies, the part that the targets belong to among them.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Occluders) -> None:
         self._scene = scene
-        self._occluders = Occluders(scene.triangles_mm)
+        self._faces = FaceSearch(scene.triangles_mm)
 
     def sees(self, viewpoints_mm: npt.ArrayLike, target: Target) -> BoolArray:
         """Decide exactly which viewpoints see all of a target.
@@ -69,7 +79,7 @@ class ExactTest:
         points = given.reshape(-1, 3)
         sees = in_front(points, target)
         front = np.flatnonzero(sees)
-        sees[front] = self._occluders.blockers(points[front], target) < 0
+        sees[front] = self._faces.blockers(points[front], target) < 0
         if target.is_segment:
             # Of a polygon, the faces of the body hide the front from what is inside.
             left = np.flatnonzero(sees)
@@ -77,7 +87,7 @@ class ExactTest:
         return sees.reshape(given.shape[:-1])
 
 
-class Occluders:
+class FaceSearch:
     """Faces that hide, ready to be asked which of them stands in the way.
 
     Parameters

@@ -14,7 +14,7 @@ from planning.scene import Scene
 from planning.target import Target
 from planning.visibility import exact_test
 from planning.visibility.audit import sees_whole_target
-from planning.visibility.exact_test import ExactTest, Occluders
+from planning.visibility.exact_test import ExactTest, FaceSearch
 
 SQUARE = np.array([[-5.0, -5, 0], [5, -5, 0], [5, 5, 0], [-5, 5, 0]])
 LETTER_L = np.array([[-5.0, -5, 0], [5, -5, 0], [5, 0, 0], [0, 0, 0], [0, 5, 0], [-5, 5, 0]])
@@ -69,7 +69,7 @@ def test_agrees_with_linear_programs(name: str) -> None:
         for triangle, point in zip(triangles, points, strict=True):
             factor = overlap(point, target.vertices_mm, triangle)
             if abs(factor - 1) > 1e-7:
-                found = Occluders(triangle[None]).blockers(point[None], target)[0] == 0
+                found = FaceSearch(triangle[None]).blockers(point[None], target)[0] == 0
                 assert found == (factor < 1)
                 hidden += found
     assert hidden > 5
@@ -81,17 +81,17 @@ def test_tree_and_rays_forget_no_face(name: str, size: float, monkeypatch) -> No
     """All faces one by one hide what all together hide; with rays and without."""
     target, triangles = TARGETS[name], soup(int(60 / size**0.8), size, 7)
     points = np.random.default_rng(2).uniform([-40, -40, 0.1], [40, 40, 80], (300, 3))
-    together = Occluders(triangles).blockers(points, target)
+    together = FaceSearch(triangles).blockers(points, target)
     singly = np.zeros(len(points), dtype=bool)
     for triangle in triangles:
-        singly |= Occluders(triangle[None]).blockers(points, target) >= 0
+        singly |= FaceSearch(triangle[None]).blockers(points, target) >= 0
     np.testing.assert_array_equal(together >= 0, singly)
     assert 0.02 < singly.mean() < 0.98
     monkeypatch.setattr(exact_test, "_FEW", 10**9)
-    np.testing.assert_array_equal(Occluders(triangles).blockers(points, target) >= 0, singly)
+    np.testing.assert_array_equal(FaceSearch(triangles).blockers(points, target) >= 0, singly)
     # The face that is named hides the target on its own.
     for k in np.flatnonzero(together >= 0)[:50]:
-        assert Occluders(triangles[together[k]][None]).blockers(points[k : k + 1], target)[0] == 0
+        assert FaceSearch(triangles[together[k]][None]).blockers(points[k : k + 1], target)[0] == 0
 
 
 @settings(max_examples=15, deadline=None)
@@ -107,9 +107,9 @@ def test_rigid_motion_and_scale_change_nothing(seed: int, decade: float, name: s
     def moved(place):
         return (place @ turn.T + shift) * scale
 
-    there = Occluders(moved(triangles)[generator.permutation(60)])
+    there = FaceSearch(moved(triangles)[generator.permutation(60)])
     found = there.blockers(moved(points), Target(moved(target.vertices_mm)))
-    here = Occluders(triangles).blockers(points, target)
+    here = FaceSearch(triangles).blockers(points, target)
     np.testing.assert_array_equal(found >= 0, here >= 0)
 
 
@@ -123,8 +123,8 @@ def test_splitting_faces_changes_nothing(seed: int) -> None:
     )
     points = np.random.default_rng(seed).uniform([-30, -30, 0.5], [30, 30, 60], (150, 3))
     np.testing.assert_array_equal(
-        Occluders(triangles).blockers(points, TARGETS["square"]) >= 0,
-        Occluders(split).blockers(points, TARGETS["square"]) >= 0,
+        FaceSearch(triangles).blockers(points, TARGETS["square"]) >= 0,
+        FaceSearch(split).blockers(points, TARGETS["square"]) >= 0,
     )
 
 
