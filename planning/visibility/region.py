@@ -177,7 +177,9 @@ class Region:
         parts: tuple[Solid | PlacedFactor, ...] = (*self._bounds()[1:], *self.factors)
         for part in parts:
             left = np.flatnonzero(inside)
-            inside[left] = part.contains(points[left])
+            # Most often all are left: then nothing need be copied.
+            asked = points if len(left) == len(points) else points[left]
+            inside[left] = part.contains(asked)
         for solid in self.excluded:
             left = np.flatnonzero(inside)
             inside[left] = ~solid.contains(points[left])

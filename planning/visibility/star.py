@@ -25,6 +25,8 @@ _AT_ONCE: Final = 8_192
 _ROUNDING: Final = 4e-16
 #: How far the centre may seem to lie on the outer side of a face, as a share of the size.
 _KERNEL: Final = 1e-12
+#: A face that is turned away is rounding, and no fold of the surface, if its cone is this narrow.
+_NARROW: Final = 1e-11
 #: A face that the centre sees at a smaller sine than this is no way out: the ray runs along it.
 _EDGE_ON: Final = 1e-9
 
@@ -52,11 +54,15 @@ class StarShaped:
         height = dot(normals, a)
         area = np.linalg.norm(normals, axis=-1)
         size = float(np.abs(corners).max(initial=0.0))
-        self.is_star_shaped = bool((height >= -_KERNEL * size * area).all())
         # Planes through the centre and each edge, inwards; then the plane of the face itself.
         sides = np.stack([cross(p, q - p) for p, q in ((a, b), (b, c), (c, a))], axis=1)
         lengths = np.linalg.norm(sides, axis=-1)
         reach = np.linalg.norm(corners, axis=-1)
+        # How wide the cone of a face is at its narrowest, as a sine.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            width = np.abs(height)[:, None] / (lengths * np.roll(reach, 1, axis=1))
+        turned_away = (height < -_KERNEL * size * area) & (width.min(axis=1) > _NARROW)
+        self.is_star_shaped = not bool(turned_away.any())
         edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1)
         seen = (lengths > _EDGE_ON * reach * edges).all(axis=1)
         seen &= height > _EDGE_ON * area * reach.max(axis=1)

@@ -252,6 +252,18 @@ def test_what_is_not_star_shaped_is_asked_of_its_surface() -> None:
     assert not StarShaped(np.zeros((0, 3, 3)), np.zeros(3)).contains(points).any()
 
 
+def test_a_sliver_that_is_turned_away_by_rounding_is_no_fold() -> None:
+    """Booleans leave such faces; a real one means that the solid is not star-shaped."""
+    cube = box((-1, -1, -1), (1, 1, 1)).triangles
+    a, b = np.array([0.2, 0.1, 0.9]), np.array([0.2, 0.3, 0.9])
+    for width, star_shaped in ((1e-13, True), (1e-3, False)):
+        # The plane of the face passes the centre by about the width, on the wrong side.
+        face = np.array([[a, b, 0.45 * (a + b) - width * np.cross(a, b)]])
+        assert np.linalg.det(face[0]) < 0
+        solid = StarShaped(np.concatenate([cube, face]), np.zeros(3))
+        assert solid.is_star_shaped == star_shaped
+
+
 def test_the_body_that_hides_the_target_is_named(bench) -> None:
     lid, post = bench.box((-60, -60, 5), (60, 60, 6)), bench.box((20, 20, 0), (22, 22, 4))
     above = box_workspace((-50, -50, 7), (50, 50, 100))
