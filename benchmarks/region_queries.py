@@ -4,8 +4,8 @@
 
 The scene is random tetrahedra (2,500 by default: 10,000 faces) in a slab above a 10 × 10 mm target,
 the workspace a box of 100³ mm. The peer, in the same run: Embree (embreex) with 100³ viewpoints and
-16 samples of the target. CPU seconds; compare them only within one run. The bar of 0.15 for membership
-is stated for 10,000 open triangles, which cost a sampler twice as much as tetrahedra.
+16 samples of the target. CPU seconds; compare them only within one run. The bar of 0.15 for
+membership is stated for 10,000 open triangles: they cost a sampler twice as much as tetrahedra.
 """
 
 from __future__ import annotations
