@@ -9,7 +9,7 @@ the other. They are found as such, and the workspace is cut by them, so nothing 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -17,7 +17,7 @@ from manifold3d import Manifold
 
 from lenscal.arrays import FloatArray, IntArray
 from planning.boolean import Cutter
-from planning.visibility.convex import ConvexPiece
+from planning.visibility.convex import ConvexPiece, Occluders
 
 #: An edge and a corner span a plane when the sine of their angle exceeds this.
 _COLLINEAR: Final = 1e-13
@@ -25,6 +25,11 @@ _COLLINEAR: Final = 1e-13
 _SAME_DECIMALS: Final = 11
 #: How far shadows go on below the plane of the target, in units of the frame.
 _BELOW: Final = 0.25
+#: More than the extent is across, or high above the target's plane.
+_ACROSS: Final = 3.5
+_ABOVE: Final = 1.06
+#: How many times farther than the piece the end of its shadow may be.
+_FARTHEST: Final = 64.0
 #: Candidate planes that are tried at once.
 _AT_ONCE: Final = 20_000
 
@@ -63,47 +68,82 @@ def shadow_planes(piece: ConvexPiece, target: FloatArray, tolerance: float) -> F
     return found[np.sort(first)]
 
 
-def shadow_cutters(
-    pieces: Sequence[ConvexPiece], target: FloatArray, tolerance: float
-) -> list[Cutter]:
-    """Prepare the shadows of many pieces as solids.
+@dataclass(frozen=True, slots=True, eq=False)
+class Shadows:
+    """The shadows of many pieces, made as solids when they are asked for.
+
+    Within the frame's extent a shadow is the hull of the piece and of the piece moved away from
+    every corner of the target by `stretch` times their distance, when that is far enough for all
+    of it to be outside: B + cone(B − T) = {b + r (b − t)}. For pieces that are very near to the
+    target it never is; of these the limiting planes are found and a cube is cut by them, so that
+    nothing has to be placed "far away": the shadow is right at any distance.
 
     Parameters
     ----------
-    pieces
+    occluders
         What hides the target.
     target
         (M, 3) corners of a convex target in order, in its frame.
     tolerance
         As in `shadow_planes`.
-
-    Returns
-    -------
-    list of Cutter
-        Each makes the shadow within the unit cube about the target, its planes moved outwards by
-        the distance it is given.
     """
-    cube = Manifold.cube([2.0, 2.0, 2.0], center=True).scale([1.001, 1.001, 1.001])
-    if len(target) > 2:
-        cube = cube.trim_by_plane([0.0, 0.0, 1.0], -_BELOW)
 
-    def cutter(piece: ConvexPiece) -> Cutter:
-        planes = shadow_planes(piece, target, tolerance)
-        if len(target) > 2:
-            # The workspace is cut at the target's plane already; the shadow of a piece that stands
-            # on it goes on below, so that their faces do not coincide there.
-            on_plane = (planes[:, 2] > 1 - 1e-12) & (np.abs(planes[:, 3]) <= tolerance)
-            planes = planes[~on_plane]
+    occluders: Occluders
+    target: FloatArray
+    tolerance: float
+    stretches: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        low, high = self.occluders.bounds()
+        gap = np.maximum(low - self.target.max(axis=0), self.target.min(axis=0) - high)
+        distance = np.linalg.norm(np.maximum(gap, 0.0), axis=-1)
+        with np.errstate(divide="ignore"):
+            stretches = _ACROSS / distance
+            if len(self.target) > 2:
+                upright = np.where(low[:, 2] > 0, _ABOVE / low[:, 2], np.inf)
+                # A piece that stands on the plane of the target hides what is below it as well.
+                stretches = np.where(low[:, 2] > 0, np.minimum(stretches, upright), np.inf)
+        object.__setattr__(self, "stretches", stretches)
+
+    def cutter(self, index: int) -> Cutter:
+        """Prepare the shadow of one piece.
+
+        Parameters
+        ----------
+        index
+            Number of the piece.
+
+        Returns
+        -------
+        Cutter
+            Makes the shadow within the unit cube about the target and some way beyond, its planes
+            moved outwards by the distance it is given.
+        """
 
         def make(inflation: float) -> Manifold:
-            solid = cube
-            for *normal, offset in planes:
-                solid = solid.trim_by_plane(normal, offset - inflation)
-            return solid
+            if inflation == 0 and self.stretches[index] <= _FARTHEST:
+                return self._hull(index)
+            return self._between_planes(index, inflation)
 
         return make
 
-    return [cutter(piece) for piece in pieces]
+    def _hull(self, index: int) -> Manifold:
+        piece, stretch = self.occluders.corners_of(index), self.stretches[index]
+        far = (stretch * piece[:, None] - (stretch - 1) * self.target).reshape(-1, 3)
+        return Manifold.hull_points(np.concatenate([piece, far]))
+
+    def _between_planes(self, index: int, inflation: float) -> Manifold:
+        solid = Manifold.cube([2.0, 2.0, 2.0], center=True).scale([1.001, 1.001, 1.001])
+        planes = shadow_planes(self.occluders.piece(index), self.target, self.tolerance)
+        if len(self.target) > 2:
+            solid = solid.trim_by_plane([0.0, 0.0, 1.0], -_BELOW)
+            # The workspace is cut at the target's plane already; the shadow of a piece that stands
+            # on it goes on below, so that their faces do not coincide there.
+            on_plane = (planes[:, 2] > 1 - 1e-12) & (np.abs(planes[:, 3]) <= self.tolerance)
+            planes = planes[~on_plane]
+        for *normal, offset in planes:
+            solid = solid.trim_by_plane(normal, offset - inflation)
+        return solid
 
 
 def _target_edges(count: int) -> IntArray:
