@@ -25,8 +25,10 @@ SLIVER: Final = 1e-9
 #: then the cutters by these distances in units of the frame.
 _GROWTHS: Final = (0.0, 1e-12, 1e-11, 1e-10)
 _INFLATIONS: Final = (1e-9, 1e-8, 1e-7)
-#: How many cutters are united before they are subtracted.
+#: How many cutters are united before they are subtracted, at least, and for each face of the solid:
+#: every step costs as much as the solid has faces.
 _CHUNK: Final = 32
+_CHUNK_PER_FACE: Final = 1 / 512
 
 #: Makes a cutter that is larger by a distance on all sides.
 Cutter = Callable[[float], Manifold]
@@ -130,7 +132,10 @@ def intersect(first: Manifold, second: Manifold) -> tuple[Manifold, float]:
 
 
 def subtract(
-    solid: Manifold, cutters: Sequence[Cutter], guarded: bool = True
+    solid: Manifold,
+    cutters: Sequence[Cutter],
+    guarded: bool = True,
+    volume: Callable[[Manifold], float] = Manifold.volume,
 ) -> tuple[Manifold, float, int]:
     """Subtract many cutters and check the books at every step.
 
@@ -143,6 +148,8 @@ def subtract(
     guarded
         Whether a step whose volumes do not add up is repeated. Only for showing what happens
         without.
+    volume
+        Measures a solid; where the solids are images under a map, it measures what they stand for.
 
     Returns
     -------
@@ -158,25 +165,29 @@ def subtract(
     GeometryError
         When the volumes of a step do not add up whatever is tried.
     """
-    whole = solid.volume()
+    whole = volume(solid)
     worst, repairs = 0.0, 0
-    for start in range(0, len(cutters), _CHUNK):
-        if solid.is_empty():
-            break
-        chunk = cutters[start : start + _CHUNK]
-        solid, imbalance, tries = _subtract_chunk(solid, chunk, whole, guarded)
+    left = list(cutters)
+    while left and not solid.is_empty():
+        count = max(_CHUNK, int(_CHUNK_PER_FACE * solid.num_tri()))
+        chunk, left = left[:count], left[count:]
+        solid, imbalance, tries = _subtract_chunk(solid, chunk, whole, guarded, volume)
         worst, repairs = max(worst, imbalance), repairs + (tries > 0)
-    return _without_slivers(solid, whole), worst, repairs
+    return _without_slivers(solid, whole, volume), worst, repairs
 
 
 def _subtract_chunk(
-    solid: Manifold, cutters: Sequence[Cutter], whole: float, guarded: bool
+    solid: Manifold,
+    cutters: Sequence[Cutter],
+    whole: float,
+    guarded: bool,
+    volume: Callable[[Manifold], float],
 ) -> tuple[Manifold, float, int]:
-    before = solid.volume()
+    before = volume(solid)
     imbalance = np.inf
     for tries, united in enumerate(_ever_larger(cutters)):
         removed, rest = solid.split(united)
-        imbalance = abs(before - removed.volume() - rest.volume())
+        imbalance = abs(before - volume(removed) - volume(rest))
         if imbalance <= BALANCE_TOLERANCE * whole or not guarded:
             return rest, imbalance, tries
     raise GeometryError(
@@ -203,9 +214,11 @@ def _grown(solid: Manifold, share: float) -> Manifold:
     return solid.translate(-middle).scale([1 + share] * 3).translate(middle)
 
 
-def _without_slivers(solid: Manifold, whole: float) -> Manifold:
+def _without_slivers(
+    solid: Manifold, whole: float, volume: Callable[[Manifold], float]
+) -> Manifold:
     components = solid.decompose()
-    kept = [c for c in components if c.volume() > SLIVER * whole]
+    kept = [c for c in components if volume(c) > SLIVER * whole]
     if len(kept) == len(components):
         return solid
     return Manifold.compose(kept)

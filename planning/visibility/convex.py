@@ -152,24 +152,10 @@ class Occluders:
         corners = self.corners_of(index)
         return ConvexPiece.polygon(corners) if self.flat[index] else ConvexPiece.hull(corners)
 
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Give the box along the axes about each piece.
-
-        Returns
-        -------
-        low, high : FloatArray
-            (N, 3) opposite corners.
-        """
-        if not len(self):
-            return np.zeros((0, 3)), np.zeros((0, 3))
-        first = self.starts[:-1]
-        return (
-            np.minimum.reduceat(self.corners, first, axis=0),
-            np.maximum.reduceat(self.corners, first, axis=0),
-        )
-
     @classmethod
-    def gathered(cls, polygons: Iterable[FloatArray], solids: Iterable[ConvexPiece]) -> Occluders:
+    def gathered(
+        cls, polygons: Iterable[FloatArray], solids: Iterable[tuple[FloatArray, IntArray]]
+    ) -> Occluders:
         """Collect polygons and solids.
 
         Parameters
@@ -177,7 +163,7 @@ class Occluders:
         polygons
             (N, K, 3) arrays of polygons, corners in order, the first one repeated to fill up rows.
         solids
-            Convex solids.
+            Convex solids: (V, 3) corners and (F, 3) indices of each.
 
         Returns
         -------
@@ -197,13 +183,12 @@ class Occluders:
             real = used[:, 1:-1] & used[:, 2:]
             triangles.append(fan[real])
             owned.append(real.sum(axis=1))
-        for solid in solids:
-            surface = from_manifold(Manifold.hull_points(np.ascontiguousarray(solid.vertices)))
-            corners.append(solid.vertices)
-            counts.append(np.array([len(solid.vertices)]))
+        for vertices, faces in solids:
+            corners.append(vertices)
+            counts.append(np.array([len(vertices)]))
             flat.append(np.zeros(1, dtype=bool))
-            triangles.append(surface[0][surface[1]])
-            owned.append(np.array([len(surface[1])]))
+            triangles.append(vertices[faces])
+            owned.append(np.array([len(faces)]))
         if not counts:
             nothing = np.zeros(0, dtype=np.int64)
             none = np.zeros((0, 3))
@@ -265,7 +250,7 @@ def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> Occlud
     """
     target_corners = np.concatenate(frame.target_pieces(target))
     polygons: list[FloatArray] = []
-    solids: list[ConvexPiece] = []
+    solids: list[tuple[FloatArray, IntArray]] = []
     for body in scene.bodies:
         closed = body.is_closed
         vertices = frame.to_local(body.vertices_mm)
@@ -376,17 +361,22 @@ def is_convex_body(vertices: FloatArray, faces: IntArray) -> bool:
     return volume > 0 and Manifold.hull_points(used).volume() - volume <= _CONVEX * volume
 
 
-def _solid_piece(vertices: FloatArray, faces: IntArray, is_segment: bool) -> list[ConvexPiece]:
-    used = vertices[np.unique(faces)]
-    if not is_segment:
-        height = vertices[:, 2]
-        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-        edges = edges[(height[edges[:, 0]] < 0) & (height[edges[:, 1]] > 0)]
-        below, above = vertices[edges[:, 0]], vertices[edges[:, 1]]
-        share = (below[:, 2:] / (below[:, 2:] - above[:, 2:]))[:, :1]
-        crossings = below + share * (above - below)
-        crossings[:, 2] = 0.0
-        used = np.concatenate([used[used[:, 2] >= 0], crossings])
-        if not (used[:, 2] > 0).any():
-            return []
-    return [ConvexPiece.hull(used)]
+def _solid_piece(
+    vertices: FloatArray, faces: IntArray, is_segment: bool
+) -> list[tuple[FloatArray, IntArray]]:
+    """Cut a convex solid at the plane z = 0, unless the target is a segment."""
+    number, faces_of_used = np.unique(faces, return_inverse=True)
+    used = vertices[number]
+    height = used[:, 2]
+    if is_segment or (height >= 0).all():
+        return [(used, faces_of_used.reshape(-1, 3))]
+    if not (height > 0).any():
+        return []
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = edges[(vertices[edges[:, 0], 2] < 0) & (vertices[edges[:, 1], 2] > 0)]
+    below, above = vertices[edges[:, 0]], vertices[edges[:, 1]]
+    share = (below[:, 2:] / (below[:, 2:] - above[:, 2:]))[:, :1]
+    crossings = below + share * (above - below)
+    crossings[:, 2] = 0.0
+    rest = np.concatenate([used[height >= 0], crossings])
+    return [from_manifold(Manifold.hull_points(rest))]

@@ -8,12 +8,13 @@ import numpy as np
 from manifold3d import Manifold
 
 from lenscal.arrays import FloatArray, IntArray
-from planning.boolean import from_manifold, subtract
+from planning.boolean import subtract
 from planning.scene import Scene
 from planning.target import Target
 from planning.visibility.convex import Occluders, occluding_pieces
 from planning.visibility.factor import Factor
 from planning.visibility.frame import TargetFrame
+from planning.visibility.perspective import Perspective
 from planning.visibility.reach import Reach
 from planning.visibility.shadows import Shadows
 
@@ -62,27 +63,28 @@ def _factor(
 
     The pieces that do not are left out, for good: what is left only shrinks.
     """
-    shadows = Shadows(occluders, corners, tolerance)
+    perspective = Perspective.of(corners)
+    shadows = Shadows(occluders, corners, tolerance, perspective)
     middle = corners.mean(axis=0)
-    solid, worst, repairs = extent, 0.0, 0
+    solid, worst, repairs = perspective.image(extent), 0.0, 0
     remaining, count = np.arange(len(occluders)), _AT_ONCE
     while len(remaining) and not solid.is_empty():
-        remaining = _sticking_in(solid, occluders, remaining, middle)
-        nearest, remaining = remaining[:count], remaining[count:]
-        count *= 2
-        cutters = [shadows.cutter(int(i)) for i in nearest]
-        solid, imbalance, repeated = subtract(solid, cutters, guarded)
+        if len(remaining) > _AT_ONCE:
+            reach = Reach.of(perspective.triangles(solid) - middle)
+            remaining = _sticking_in(reach, occluders, remaining, middle)
+        cutters = [shadows.cutter(int(i)) for i in remaining[:count]]
+        solid, imbalance, repeated = subtract(solid, cutters, guarded, perspective.volume)
         worst, repairs = max(worst, imbalance), repairs + repeated
-    return Factor(corners, solid, worst / extent.volume(), repairs)
+        remaining, count = remaining[count:], 2 * count
+    return Factor(corners, perspective.original(solid), worst / extent.volume(), repairs)
 
 
 def _sticking_in(
-    solid: Manifold, occluders: Occluders, among: IntArray, middle: FloatArray
+    reach: Reach, occluders: Occluders, among: IntArray, middle: FloatArray
 ) -> IntArray:
     """Keep the pieces that may reach into a solid that is star-shaped about a point."""
-    vertices, faces = from_manifold(solid)
     chosen = np.zeros(len(occluders), dtype=bool)
     chosen[among] = True
     which = np.flatnonzero(chosen[occluders.owners])
-    entered = Reach.of(vertices[faces] - middle).entered_by(occluders.triangles[which] - middle)
+    entered = reach.entered_by(occluders.triangles[which] - middle)
     return np.unique(occluders.owners[which[entered]])

@@ -9,27 +9,35 @@ the other. They are found as such, and the workspace is cut by them, so nothing 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from manifold3d import Manifold
+from scipy.spatial import ConvexHull
 
 from lenscal.arrays import FloatArray, IntArray
 from planning.boolean import Cutter
 from planning.visibility.convex import ConvexPiece, Occluders
+from planning.visibility.perspective import Perspective
 
 #: An edge and a corner span a plane when the sine of their angle exceeds this.
 _COLLINEAR: Final = 1e-13
 #: Planes that agree to this many decimals (in units of the frame) are one.
 _SAME_DECIMALS: Final = 11
-#: How far shadows go on below the plane of the target, in units of the frame.
-_BELOW: Final = 0.25
-#: More than the extent is across, or high above the target's plane.
-_ACROSS: Final = 3.5
-_ABOVE: Final = 1.06
+#: How far shadows go on below the plane of the target, in units of the frame: not as far as the
+#: point that the perspective moves to infinity.
+_BELOW: Final = 0.01
+#: Where shadows end, in units of the frame's extent along a direction: there and a little farther.
+_BEYOND: Final = 1.01
+_STAGGER: Final = 0.03
+_GOLDEN: Final = 0.618033988749895
+_UPRIGHT: Final = np.array([0.0, 0.0, 1.0])
 #: How many times farther than the piece the end of its shadow may be.
 _FARTHEST: Final = 64.0
+#: From how many points on its outline at the end is worked out first.
+_MANY: Final = 32
+_SAME_PLANE: Final = 1e-9
 #: Candidate planes that are tried at once.
 _AT_ONCE: Final = 20_000
 
@@ -72,11 +80,11 @@ def shadow_planes(piece: ConvexPiece, target: FloatArray, tolerance: float) -> F
 class Shadows:
     """The shadows of many pieces, made as solids when they are asked for.
 
-    Within the frame's extent a shadow is the hull of the piece and of the piece moved away from
-    every corner of the target by `stretch` times their distance, when that is far enough for all
-    of it to be outside: B + cone(B − T) = {b + r (b − t)}. For pieces that are very near to the
-    target it never is; of these the limiting planes are found and a cube is cut by them, so that
-    nothing has to be placed "far away": the shadow is right at any distance.
+    Every shadow is cut off by a plane beyond the frame's extent: it is the hull of the piece and of
+    the points where the rays from its corners, away from every corner of the target, meet that
+    plane. For pieces that are very near to the target these would be too far away to be placed
+    well; of such pieces the limiting planes are found and a cube is cut by them, so that nothing
+    has to be placed "far away": the shadow is right at any distance.
 
     Parameters
     ----------
@@ -86,24 +94,14 @@ class Shadows:
         (M, 3) corners of a convex target in order, in its frame.
     tolerance
         As in `shadow_planes`.
+    perspective
+        The map under which the solids are given.
     """
 
     occluders: Occluders
     target: FloatArray
     tolerance: float
-    stretches: FloatArray = field(init=False)
-
-    def __post_init__(self) -> None:
-        low, high = self.occluders.bounds()
-        gap = np.maximum(low - self.target.max(axis=0), self.target.min(axis=0) - high)
-        distance = np.linalg.norm(np.maximum(gap, 0.0), axis=-1)
-        with np.errstate(divide="ignore"):
-            stretches = _ACROSS / distance
-            if len(self.target) > 2:
-                upright = np.where(low[:, 2] > 0, _ABOVE / low[:, 2], np.inf)
-                # A piece that stands on the plane of the target hides what is below it as well.
-                stretches = np.where(low[:, 2] > 0, np.minimum(stretches, upright), np.inf)
-        object.__setattr__(self, "stretches", stretches)
+    perspective: Perspective
 
     def cutter(self, index: int) -> Cutter:
         """Prepare the shadow of one piece.
@@ -121,16 +119,32 @@ class Shadows:
         """
 
         def make(inflation: float) -> Manifold:
-            if inflation == 0 and self.stretches[index] <= _FARTHEST:
-                return self._hull(index)
-            return self._between_planes(index, inflation)
+            hull = self._hull(index) if inflation == 0 else None
+            return hull or self._between_planes(index, inflation)
 
         return make
 
-    def _hull(self, index: int) -> Manifold:
-        piece, stretch = self.occluders.corners_of(index), self.stretches[index]
-        far = (stretch * piece[:, None] - (stretch - 1) * self.target).reshape(-1, 3)
-        return Manifold.hull_points(np.concatenate([piece, far]))
+    def _hull(self, index: int) -> Manifold | None:
+        corners = self.occluders.corners_of(index)
+        if len(self.target) > 2 and corners[:, 2].min() <= 0:
+            # What stands on the plane of the target has to hide what is below it as well.
+            return None
+        directions = np.stack([corners.mean(axis=0) - self.target.mean(axis=0), _UPRIGHT])
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        of_piece, of_target = corners @ directions.T, self.target @ directions.T
+        # The planes of different shadows differ: no two faces coincide out there.
+        ends = np.abs(directions).sum(axis=-1) * (_BEYOND + _STAGGER * (_GOLDEN * index % 1.0))
+        nearness = (of_piece.min(axis=0) - of_target.max(axis=0)) / ends
+        best = int(np.argmax(nearness))
+        if nearness[best] * _FARTHEST < 1:
+            return None
+        ahead = of_piece[:, None, best] - of_target[:, best]
+        stretch = np.maximum((ends[best] - of_piece[:, None, best]) / ahead, 0.0)
+        away = corners[:, None] - self.target
+        far = (corners[:, None] + stretch[..., None] * away).reshape(-1, 3)
+        if len(far) > _MANY:
+            far = far[_outline(far, directions[best])]
+        return Manifold.hull_points(self.perspective.forward(np.concatenate([corners, far])))
 
     def _between_planes(self, index: int, inflation: float) -> Manifold:
         solid = Manifold.cube([2.0, 2.0, 2.0], center=True).scale([1.001, 1.001, 1.001])
@@ -143,7 +157,17 @@ class Shadows:
             planes = planes[~on_plane]
         for *normal, offset in planes:
             solid = solid.trim_by_plane(normal, offset - inflation)
-        return solid
+        return self.perspective.image(solid)
+
+
+def _outline(points: FloatArray, normal: FloatArray) -> IntArray:
+    """Which points of a plane with this normal are the corners of their hull; and all off it."""
+    height = points @ normal
+    on_plane = np.flatnonzero(height < height.min() + _SAME_PLANE)
+    across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    flat = points[on_plane] @ np.stack([across, np.cross(normal, across)], axis=-1)
+    corners: IntArray = on_plane[ConvexHull(flat).vertices]
+    return np.concatenate([corners, np.flatnonzero(height >= height.min() + _SAME_PLANE)])
 
 
 def _target_edges(count: int) -> IntArray:
