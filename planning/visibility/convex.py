@@ -296,9 +296,7 @@ def _in_front(polygons: FloatArray) -> FloatArray:
     return joined[np.linalg.norm(_area_vectors(joined), axis=-1) > 0]
 
 
-def _is_entered(
-    polygons: FloatArray, target_corners: FloatArray, tolerance: float
-) -> BoolArray:
+def _is_entered(polygons: FloatArray, target_corners: FloatArray, tolerance: float) -> BoolArray:
     """(N,) whether polygons turn their outer side to some corner of the target."""
     vectors = _area_vectors(polygons)
     area = np.linalg.norm(vectors, axis=-1)

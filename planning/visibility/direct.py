@@ -20,6 +20,8 @@ from planning.visibility.shadows import Shadows
 
 #: How many pieces are cut before the others are looked at again, at first; then twice as many.
 _AT_ONCE: Final = 64
+#: From how many pieces on it is cheaper to ask which of them matter than to cut them all.
+_WORTH_ASKING: Final = 32
 
 
 def direct_factors(
@@ -69,13 +71,13 @@ def _factor(
     solid, worst, repairs = perspective.image(extent), 0.0, 0
     remaining, count = np.arange(len(occluders)), _AT_ONCE
     while len(remaining) and not solid.is_empty():
-        if len(remaining) > _AT_ONCE:
-            reach = Reach.of(perspective.triangles(solid) - middle)
-            remaining = _sticking_in(reach, occluders, remaining, middle)
         cutters = [shadows.cutter(int(i)) for i in remaining[:count]]
         solid, imbalance, repeated = subtract(solid, cutters, guarded, perspective.volume)
         worst, repairs = max(worst, imbalance), repairs + repeated
         remaining, count = remaining[count:], 2 * count
+        if len(remaining) > _WORTH_ASKING:
+            reach = Reach.of(perspective.triangles(solid) - middle)
+            remaining = _sticking_in(reach, occluders, remaining, middle)
     return Factor(corners, perspective.original(solid), worst / extent.volume(), repairs)
 
 

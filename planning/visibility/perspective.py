@@ -20,7 +20,7 @@ from planning.boolean import from_manifold
 
 #: How far behind the plane of a target the point lies that is moved to infinity, in units of the
 #: frame.
-_BEHIND: Final = 0.03
+_BEHIND: Final = 0.02
 
 
 @dataclass(frozen=True, slots=True)

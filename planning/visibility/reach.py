@@ -159,9 +159,7 @@ def _cells_of(
     while start < len(which):
         stop = int(np.searchsorted(done, done[start] + _PAIRS_AT_ONCE, side="right")) - 1
         stop = max(stop, start + 1)
-        yield _pairs(
-            which, first, wide, count, planes, rims, least, greatest, cells, start, stop
-        )
+        yield _pairs(which, first, wide, count, planes, rims, least, greatest, cells, start, stop)
         start = stop
 
 
@@ -170,9 +168,10 @@ def _planes_and_rims(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
     rims = np.cross(triangles, np.roll(triangles, -1, axis=1))
     turn = np.einsum("fi,fi->f", triangles[:, 2], rims[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):
-        planes = np.cross(
-            triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-        ) / turn[:, None]
+        planes = (
+            np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+            / turn[:, None]
+        )
         rims *= (np.sign(turn) / np.linalg.norm(rims, axis=-1).max(axis=1))[:, None, None]
     rims[~np.isfinite(rims).all(axis=(1, 2))] = 0.0
     return planes, rims

@@ -27,7 +27,7 @@ _COLLINEAR: Final = 1e-13
 _SAME_DECIMALS: Final = 11
 #: How far shadows go on below the plane of the target, in units of the frame: not as far as the
 #: point that the perspective moves to infinity.
-_BELOW: Final = 0.01
+_BELOW: Final = 0.005
 #: Where shadows end, in units of the frame's extent along a direction: there and a little farther.
 _BEYOND: Final = 1.01
 _STAGGER: Final = 0.03

@@ -318,7 +318,9 @@ def test_larger_cutters_repair_a_step(bench) -> None:
             return (removed, rest) if self.tries > 1 else (type(box)(), rest)
 
     cutter = box.scale([0.5, 0.5, 0.5])
-    rest, imbalance, repairs = boolean.subtract(Leaky(), [lambda _: cutter], volume=lambda s: float(s.volume()))
+    rest, imbalance, repairs = boolean.subtract(
+        Leaky(), [lambda _: cutter], volume=lambda s: float(s.volume())
+    )
     assert repairs == 1
     assert imbalance < 1e-12
     assert rest.volume() == pytest.approx(0.875)
