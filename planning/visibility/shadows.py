@@ -12,12 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+import manifold3d
 import numpy as np
 from manifold3d import Manifold
 from scipy.spatial import ConvexHull
 
 from lenscal.arrays import FloatArray, IntArray
-from planning.boolean import Cutter
+from planning.boolean import Cutter, from_manifold
 from planning.visibility.convex import ConvexPiece, Occluders
 from planning.visibility.perspective import Perspective
 
@@ -38,6 +39,8 @@ _FARTHEST: Final = 64.0
 #: From how many points on its outline at the end is worked out first.
 _MANY: Final = 32
 _SAME_PLANE: Final = 1e-9
+#: How far, in units of the frame, a shadow may be wrong.
+_INEXACT: Final = 1e-12
 #: Candidate planes that are tried at once.
 _AT_ONCE: Final = 20_000
 
@@ -144,7 +147,12 @@ class Shadows:
         far = (corners[:, None] + stretch[..., None] * away).reshape(-1, 3)
         if len(far) > _MANY:
             far = far[_outline(far, directions[best])]
-        return Manifold.hull_points(self.perspective.forward(np.concatenate([corners, far])))
+        points = self.perspective.forward(np.concatenate([corners, far]))
+        for make in (Manifold.hull_points, _careful_hull):
+            hull = make(points)
+            if _holds(hull, points):
+                return hull
+        return None
 
     def _between_planes(self, index: int, inflation: float) -> Manifold:
         solid = Manifold.cube([2.0, 2.0, 2.0], center=True).scale([1.001, 1.001, 1.001])
@@ -158,6 +166,30 @@ class Shadows:
         for *normal, offset in planes:
             solid = solid.trim_by_plane(normal, offset - inflation)
         return self.perspective.image(solid)
+
+
+def _careful_hull(points: FloatArray) -> Manifold:
+    """Make a hull by qhull, which is ten times slower than manifold3d and leaves nothing out."""
+    hull = ConvexHull(points)
+    number, faces = np.unique(hull.simplices, return_inverse=True)
+    vertices, faces = points[number], faces.reshape(-1, 3)
+    first, second, third = np.moveaxis(vertices[faces], 1, 0)
+    outwards = np.einsum("fi,fi->f", np.cross(second - first, third - first), hull.equations[:, :3])
+    faces = np.where((outwards < 0)[:, None], faces[:, ::-1], faces)
+    return Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
+
+
+def _holds(hull: Manifold, points: FloatArray) -> bool:
+    """Whether a hull holds what it was made of: manifold3d leaves out what sticks out by 1e-7."""
+    if hull.is_empty():
+        return False
+    vertices, faces = from_manifold(hull)
+    first, second, third = np.moveaxis(vertices[faces], 1, 0)
+    normals = np.cross(second - first, third - first)
+    length = np.linalg.norm(normals, axis=-1)
+    offsets = np.einsum("fi,fi->f", normals, first)
+    beyond = (points @ normals.T - offsets).max(axis=0, initial=0.0)
+    return bool((beyond <= _INEXACT * length).all())
 
 
 def _outline(points: FloatArray, normal: FloatArray) -> IntArray:
