@@ -94,7 +94,7 @@ class ConvexPiece:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Occluders:
+class ConvexPieces:
     """Convex pieces of a scene, all in a few arrays, nearest to the origin first.
 
     Parameters
@@ -155,7 +155,7 @@ class Occluders:
     @classmethod
     def gathered(
         cls, polygons: Iterable[FloatArray], solids: Iterable[tuple[FloatArray, IntArray]]
-    ) -> Occluders:
+    ) -> ConvexPieces:
         """Collect polygons and solids.
 
         Parameters
@@ -167,7 +167,7 @@ class Occluders:
 
         Returns
         -------
-        Occluders
+        ConvexPieces
             All of them, nearest first.
         """
         corners, counts, flat, triangles, owned = [], [], [], [], []
@@ -204,13 +204,13 @@ class Occluders:
 
 def _nearest_first(
     corners: FloatArray, counts: IntArray, flat: BoolArray, triangles: FloatArray, owned: IntArray
-) -> Occluders:
+) -> ConvexPieces:
     starts = np.cumsum(counts) - counts
     distance = np.minimum.reduceat(np.linalg.norm(corners, axis=-1), starts)
     order = np.argsort(distance, kind="stable")
     rows = _runs(starts[order], counts[order])
     owners = np.repeat(np.arange(len(order)), owned[order])
-    return Occluders(
+    return ConvexPieces(
         corners[rows],
         np.concatenate([[0], np.cumsum(counts[order])]),
         flat[order],
@@ -226,7 +226,7 @@ def _runs(starts: IntArray, counts: IntArray) -> IntArray:
     return runs
 
 
-def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> Occluders:
+def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> ConvexPieces:
     """Break the scene into convex pieces, as far as it can hide a target.
 
     In front of a polygon only what lies above its plane can hide it, so pieces are cut at that
@@ -245,7 +245,7 @@ def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> Occlud
 
     Returns
     -------
-    Occluders
+    ConvexPieces
         The pieces, nearest to the target first.
     """
     target_corners = np.concatenate(frame.target_pieces(target))
@@ -266,7 +266,7 @@ def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> Occlud
                     if closed:
                         batch = batch[_is_entered(batch, target_corners, frame.tolerance)]
                 polygons.append(batch)
-    return Occluders.gathered(polygons, solids)
+    return ConvexPieces.gathered(polygons, solids)
 
 
 def _polygons(vertices: FloatArray, faces: IntArray) -> list[FloatArray]:

@@ -11,7 +11,7 @@ from lenscal.arrays import FloatArray, IntArray
 from planning.boolean import subtract
 from planning.scene import Scene
 from planning.target import Target
-from planning.visibility.convex import Occluders, occluding_pieces
+from planning.visibility.convex import ConvexPieces, occluding_pieces
 from planning.visibility.factor import Factor
 from planning.visibility.frame import TargetFrame
 from planning.visibility.perspective import Perspective
@@ -50,26 +50,26 @@ def direct_factors(
     GeometryError
         When the boolean operations fail.
     """
-    occluders = occluding_pieces(scene, target, frame)
+    pieces = occluding_pieces(scene, target, frame)
     extent = frame.extent(target)
     return [
-        _factor(occluders, corners, extent, frame.tolerance, guarded)
+        _factor(pieces, corners, extent, frame.tolerance, guarded)
         for corners in frame.target_pieces(target)
     ]
 
 
 def _factor(
-    occluders: Occluders, corners: FloatArray, extent: Manifold, tolerance: float, guarded: bool
+    pieces: ConvexPieces, corners: FloatArray, extent: Manifold, tolerance: float, guarded: bool
 ) -> Factor:
     """Cut until no piece sticks into what is left.
 
     The pieces that do not are left out, for good: what is left only shrinks.
     """
     perspective = Perspective.of(corners)
-    shadows = Shadows(occluders, corners, tolerance, perspective)
+    shadows = Shadows(pieces, corners, tolerance, perspective)
     middle = corners.mean(axis=0)
     solid, worst, repairs = perspective.image(extent), 0.0, 0
-    remaining, count = np.arange(len(occluders)), _AT_ONCE
+    remaining, count = np.arange(len(pieces)), _AT_ONCE
     while len(remaining) and not solid.is_empty():
         cutters = [shadows.cutter(int(i)) for i in remaining[:count]]
         solid, imbalance, repeated = subtract(solid, cutters, guarded, perspective.volume)
@@ -77,16 +77,16 @@ def _factor(
         remaining, count = remaining[count:], 2 * count
         if len(remaining) > _WORTH_ASKING:
             reach = Reach.of(perspective.triangles(solid) - middle)
-            remaining = _sticking_in(reach, occluders, remaining, middle)
+            remaining = _sticking_in(reach, pieces, remaining, middle)
     return Factor(corners, perspective.original(solid), worst / extent.volume(), repairs)
 
 
 def _sticking_in(
-    reach: Reach, occluders: Occluders, among: IntArray, middle: FloatArray
+    reach: Reach, pieces: ConvexPieces, among: IntArray, middle: FloatArray
 ) -> IntArray:
     """Keep the pieces that may reach into a solid that is star-shaped about a point."""
-    chosen = np.zeros(len(occluders), dtype=bool)
+    chosen = np.zeros(len(pieces), dtype=bool)
     chosen[among] = True
-    which = np.flatnonzero(chosen[occluders.owners])
-    entered = reach.entered_by(occluders.triangles[which] - middle)
-    return np.unique(occluders.owners[which[entered]])
+    which = np.flatnonzero(chosen[pieces.owners])
+    entered = reach.entered_by(pieces.triangles[which] - middle)
+    return np.unique(pieces.owners[which[entered]])

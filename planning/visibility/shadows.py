@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull
 
 from lenscal.arrays import FloatArray, IntArray
 from planning.boolean import Cutter, from_manifold
-from planning.visibility.convex import ConvexPiece, Occluders
+from planning.visibility.convex import ConvexPiece, ConvexPieces
 from planning.visibility.perspective import Perspective
 
 #: An edge and a corner span a plane when the sine of their angle exceeds this.
@@ -91,7 +91,7 @@ class Shadows:
 
     Parameters
     ----------
-    occluders
+    pieces
         What hides the target.
     target
         (M, 3) corners of a convex target in order, in its frame.
@@ -101,7 +101,7 @@ class Shadows:
         The map under which the solids are given.
     """
 
-    occluders: Occluders
+    pieces: ConvexPieces
     target: FloatArray
     tolerance: float
     perspective: Perspective
@@ -128,7 +128,7 @@ class Shadows:
         return make
 
     def _hull(self, index: int) -> Manifold | None:
-        corners = self.occluders.corners_of(index)
+        corners = self.pieces.corners_of(index)
         if len(self.target) > 2 and corners[:, 2].min() <= 0:
             # What stands on the plane of the target has to hide what is below it as well.
             return None
@@ -156,7 +156,7 @@ class Shadows:
 
     def _between_planes(self, index: int, inflation: float) -> Manifold:
         solid = Manifold.cube([2.0, 2.0, 2.0], center=True).scale([1.001, 1.001, 1.001])
-        planes = shadow_planes(self.occluders.piece(index), self.target, self.tolerance)
+        planes = shadow_planes(self.pieces.piece(index), self.target, self.tolerance)
         if len(self.target) > 2:
             solid = solid.trim_by_plane([0.0, 0.0, 1.0], -_BELOW)
             # The workspace is cut at the target's plane already; the shadow of a piece that stands
