@@ -7,7 +7,7 @@ what there was, or the step is repeated with cutters that are larger by a hair.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 import manifold3d
@@ -21,10 +21,14 @@ from lenscal.errors import GeometryError
 BALANCE_TOLERANCE: Final = 1e-9
 #: Components of less than this share of the whole are slivers of rounding.
 SLIVER: Final = 1e-9
-#: By how much the cutters grow, in units of the frame, when the volumes do not add up.
-_INFLATIONS: Final = (0.0, 1e-10, 1e-8, 1e-7)
-#: How many cutters are united before they are subtracted.
+#: When the volumes do not add up, what is subtracted grows about its middle by these shares, and
+#: then the cutters by these distances in units of the frame.
+_GROWTHS: Final = (0.0, 1e-12, 1e-11, 1e-10)
+_INFLATIONS: Final = (1e-9, 1e-8, 1e-7)
+#: How many cutters are united before they are subtracted, at least, and for each face of the solid:
+#: every step costs as much as the solid has faces.
 _CHUNK: Final = 32
+_CHUNK_PER_FACE: Final = 1 / 512
 
 #: Makes a cutter that is larger by a distance on all sides.
 Cutter = Callable[[float], Manifold]
@@ -127,7 +131,12 @@ def intersect(first: Manifold, second: Manifold) -> tuple[Manifold, float]:
     return common, abs(first.volume() - common.volume() - rest.volume())
 
 
-def subtract(solid: Manifold, cutters: Sequence[Cutter]) -> tuple[Manifold, float, int]:
+def subtract(
+    solid: Manifold,
+    cutters: Sequence[Cutter],
+    guarded: bool = True,
+    volume: Callable[[Manifold], float] = Manifold.volume,
+) -> tuple[Manifold, float, int]:
     """Subtract many cutters and check the books at every step.
 
     Parameters
@@ -136,6 +145,11 @@ def subtract(solid: Manifold, cutters: Sequence[Cutter]) -> tuple[Manifold, floa
         What is cut, in a frame of size about one.
     cutters
         Each makes the solid to subtract, larger by the distance it is given.
+    guarded
+        Whether a step whose volumes do not add up is repeated. Only for showing what happens
+        without.
+    volume
+        Measures a solid; where the solids are images under a map, it measures what they stand for.
 
     Returns
     -------
@@ -151,28 +165,30 @@ def subtract(solid: Manifold, cutters: Sequence[Cutter]) -> tuple[Manifold, floa
     GeometryError
         When the volumes of a step do not add up whatever is tried.
     """
-    whole = solid.volume()
+    whole = volume(solid)
     worst, repairs = 0.0, 0
-    for start in range(0, len(cutters), _CHUNK):
-        if solid.is_empty():
-            break
-        solid, imbalance, tries = _subtract_chunk(solid, cutters[start : start + _CHUNK], whole)
+    left = list(cutters)
+    while left and not solid.is_empty():
+        count = max(_CHUNK, int(_CHUNK_PER_FACE * solid.num_tri()))
+        chunk, left = left[:count], left[count:]
+        solid, imbalance, tries = _subtract_chunk(solid, chunk, whole, guarded, volume)
         worst, repairs = max(worst, imbalance), repairs + (tries > 0)
-    return _without_slivers(solid, whole), worst, repairs
+    return _without_slivers(solid, whole, volume), worst, repairs
 
 
 def _subtract_chunk(
-    solid: Manifold, cutters: Sequence[Cutter], whole: float
+    solid: Manifold,
+    cutters: Sequence[Cutter],
+    whole: float,
+    guarded: bool,
+    volume: Callable[[Manifold], float],
 ) -> tuple[Manifold, float, int]:
-    before = solid.volume()
+    before = volume(solid)
     imbalance = np.inf
-    for tries, inflation in enumerate(_INFLATIONS):
-        united = Manifold.batch_boolean(
-            [make(inflation) for make in cutters], manifold3d.OpType.Add
-        )
+    for tries, united in enumerate(_ever_larger(cutters)):
         removed, rest = solid.split(united)
-        imbalance = abs(before - removed.volume() - rest.volume())
-        if imbalance <= BALANCE_TOLERANCE * whole:
+        imbalance = abs(before - volume(removed) - volume(rest))
+        if imbalance <= BALANCE_TOLERANCE * whole or not guarded:
             return rest, imbalance, tries
     raise GeometryError(
         f"the volumes of a boolean operation fail to add up by {imbalance / whole:.1e} of the "
@@ -181,9 +197,28 @@ def _subtract_chunk(
     )
 
 
-def _without_slivers(solid: Manifold, whole: float) -> Manifold:
+def _ever_larger(cutters: Sequence[Cutter]) -> Iterator[Manifold]:
+    """Unite cutters, first as they are, then larger and larger by a hair."""
+    united = Manifold.batch_boolean([make(0.0) for make in cutters], manifold3d.OpType.Add)
+    for share in _GROWTHS:
+        yield _grown(united, share)
+    for distance in _INFLATIONS:
+        yield Manifold.batch_boolean([make(distance) for make in cutters], manifold3d.OpType.Add)
+
+
+def _grown(solid: Manifold, share: float) -> Manifold:
+    if share == 0 or solid.is_empty():
+        return solid
+    box = np.array(solid.bounding_box())
+    middle = (box[:3] + box[3:]) / 2
+    return solid.translate(-middle).scale([1 + share] * 3).translate(middle)
+
+
+def _without_slivers(
+    solid: Manifold, whole: float, volume: Callable[[Manifold], float]
+) -> Manifold:
     components = solid.decompose()
-    kept = [c for c in components if c.volume() > SLIVER * whole]
+    kept = [c for c in components if volume(c) > SLIVER * whole]
     if len(kept) == len(components):
         return solid
     return Manifold.compose(kept)

@@ -31,7 +31,11 @@ def merge_convex(vertices: FloatArray, triangles: IntArray) -> list[IntArray]:
         Corners of each polygon in order, as indices, without corners on a straight line.
     """
     tolerance = _TOLERANCE * float(np.ptp(vertices, axis=0).max())
-    loops: dict[int, list[int]] = {i: [int(v) for v in t] for i, t in enumerate(triangles)}
+    shared = _coplanar_edges(vertices, triangles, tolerance)
+    # Most triangles of a curved surface have no neighbour in their plane: they stay as they are.
+    alone = np.ones(len(triangles), dtype=bool)
+    alone[[triangle for edge in shared for triangle in edge[2:]]] = False
+    loops = {int(i): [int(v) for v in triangles[i]] for i in np.flatnonzero(~alone)}
     owner = list(range(len(triangles)))
 
     def polygon_of(triangle: int) -> int:
@@ -40,7 +44,6 @@ def merge_convex(vertices: FloatArray, triangles: IntArray) -> list[IntArray]:
             triangle = owner[triangle]
         return triangle
 
-    shared = _coplanar_edges(vertices, triangles, tolerance)
     merged_any = True
     while merged_any:
         merged_any = False
@@ -54,37 +57,41 @@ def merge_convex(vertices: FloatArray, triangles: IntArray) -> list[IntArray]:
                 del loops[second]
                 owner[second] = first
                 merged_any = True
-    return [_proper_corners(vertices, loop, tolerance) for loop in loops.values()]
+    merged = [_proper_corners(vertices, loop, tolerance) for loop in loops.values()]
+    return [*triangles[alone], *merged]
 
 
-def clip_in_front(polygon: FloatArray) -> FloatArray:
-    """Cut a convex polygon at the plane z = 0 and keep what is in front, its edge included.
+def clip_polygons(polygons: FloatArray, normal: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Cut many convex polygons at a plane through the origin and keep what is in front.
 
     Parameters
     ----------
-    polygon
-        (N, 3) corners in order.
+    polygons
+        (N, K, 3) corners in order. Corners may be repeated to fill up a row.
+    normal
+        (3,) normal of the plane, towards what is kept.
 
     Returns
     -------
-    FloatArray
-        (M, 3) corners in order; fewer than three when nothing with an area is left.
+    polygons : FloatArray
+        (M, K + 1, 3) corners in order, the first one repeated where there are fewer.
+    kept : IntArray
+        (M,) which polygons they are of. What only touches the plane is kept as well.
     """
-    height = polygon[:, 2]
-    if (height >= 0).all():
-        return polygon if (height > 0).any() else polygon[:0]
-    if not (height > 0).any():
-        return polygon[:0]
-    following, next_height = np.roll(polygon, -1, axis=0), np.roll(height, -1)
-    corners = []
-    for here, there, z, z_next in zip(polygon, following, height, next_height, strict=True):
-        if z >= 0:
-            corners.append(here)
-        if z * z_next < 0:
-            crossing = here + (there - here) * (z / (z - z_next))
-            crossing[2] = 0.0
-            corners.append(crossing)
-    return np.array(corners)
+    height = polygons @ normal
+    following, next_height = np.roll(polygons, -1, axis=1), np.roll(height, -1, axis=1)
+    crossing = height * next_height < 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(crossing, height / (height - next_height), 0.0)[..., None]
+    count, corners = height.shape
+    slots = np.stack([polygons, polygons + share * (following - polygons)], axis=2)
+    used = np.stack([height >= 0, crossing], axis=2).reshape(count, 2 * corners)
+    order = np.argsort(~used, axis=1, kind="stable")[:, : corners + 1]
+    used = np.take_along_axis(used, order, axis=1)
+    cut = np.take_along_axis(slots.reshape(count, 2 * corners, 3), order[..., None], axis=1)
+    cut = np.where(used[..., None], cut, cut[:, :1])
+    kept = np.flatnonzero(used[:, 0]) if count else np.zeros(0, dtype=np.int64)
+    return cut[kept], kept
 
 
 def _coplanar_edges(
@@ -93,26 +100,24 @@ def _coplanar_edges(
     """Edges as (start, end, triangle that runs along it, triangle that runs against it)."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     faces = np.tile(np.arange(len(triangles)), 3)
-    against = {(int(a), int(b)): int(f) for (a, b), f in zip(edges, faces, strict=True)}
-    forward = edges[:, 0] < edges[:, 1]
-    pairs = [
-        (int(a), int(b), int(f), against[int(b), int(a)])
-        for (a, b), f in zip(edges[forward], faces[forward], strict=True)
-        if (int(b), int(a)) in against
-    ]
-    if not pairs:
-        return []
-    left, right = np.array(pairs)[:, 2], np.array(pairs)[:, 3]
+    count = int(edges.max(initial=0)) + 1
+    along, against = edges[:, 0] * count + edges[:, 1], edges[:, 1] * count + edges[:, 0]
+    order = np.argsort(along, kind="stable")
+    place = np.searchsorted(along, against, sorter=order)
+    other = order[np.minimum(place, len(order) - 1)] if len(order) else order
+    paired = np.flatnonzero((edges[:, 0] < edges[:, 1]) & (along[other] == against))
+    left, right = faces[paired], faces[other[paired]]
     corners = vertices[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
     normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     off_plane = np.abs(
         np.einsum("fi,fki->fk", normals[left], corners[right] - corners[left][:, :1])
-    ).max(axis=1)
+    ).max(axis=1, initial=0.0)
     same_side = np.einsum("fi,fi->f", normals[left], normals[right]) > 0
     keep = (off_plane <= tolerance) & same_side
-    return [pair for pair, kept in zip(pairs, keep, strict=True) if kept]
+    found = np.column_stack([edges[paired], left, right])[keep]
+    return [(int(a), int(b), int(f), int(g)) for a, b, f, g in found]
 
 
 def _joined(first: list[int], second: list[int], start: int, end: int) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,9 +12,9 @@ from manifold3d import Manifold
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from lenscal.arrays import FloatArray, IntArray
+from lenscal.arrays import BoolArray, FloatArray, IntArray
 from planning.boolean import from_manifold
-from planning.polygons import clip_in_front, merge_convex
+from planning.polygons import clip_polygons, merge_convex
 from planning.scene import Scene
 from planning.solid import Solid
 from planning.target import Target
@@ -21,6 +22,8 @@ from planning.visibility.frame import TargetFrame
 
 #: A body whose hull is larger by less than this share of its volume is convex.
 _CONVEX: Final = 1e-12
+#: Of polygons thinner than this share of their length the side they turn to the target is unsure.
+_THIN: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +93,140 @@ class ConvexPiece:
         return cls(vertices, np.asarray(mesh.face_adjacency_edges)[turn > 1e-12], normals, offsets)
 
 
-def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> list[ConvexPiece]:
+@dataclass(frozen=True, slots=True, eq=False)
+class ConvexPieces:
+    """Convex pieces of a scene, all in a few arrays, nearest to the origin first.
+
+    Parameters
+    ----------
+    corners
+        (C, 3) corners of all pieces, one piece after the other.
+    starts
+        (N + 1,) where the corners of each piece start.
+    flat
+        (N,) whether a piece is a polygon, with its corners in order. The others are solids.
+    triangles
+        (F, 3, 3) surfaces of all pieces.
+    owners
+        (F,) the piece that each triangle belongs to.
+    """
+
+    corners: FloatArray
+    starts: IntArray
+    flat: BoolArray
+    triangles: FloatArray
+    owners: IntArray
+
+    def __len__(self) -> int:
+        """Count the pieces."""
+        return len(self.flat)
+
+    def corners_of(self, index: int) -> FloatArray:
+        """Give the corners of one piece.
+
+        Parameters
+        ----------
+        index
+            Its number.
+
+        Returns
+        -------
+        FloatArray
+            (K, 3) corners.
+        """
+        return self.corners[self.starts[index] : self.starts[index + 1]]
+
+    def piece(self, index: int) -> ConvexPiece:
+        """Give one piece with its edges and faces.
+
+        Parameters
+        ----------
+        index
+            Its number.
+
+        Returns
+        -------
+        ConvexPiece
+            The piece.
+        """
+        corners = self.corners_of(index)
+        return ConvexPiece.polygon(corners) if self.flat[index] else ConvexPiece.hull(corners)
+
+    @classmethod
+    def gathered(
+        cls, polygons: Iterable[FloatArray], solids: Iterable[tuple[FloatArray, IntArray]]
+    ) -> ConvexPieces:
+        """Collect polygons and solids.
+
+        Parameters
+        ----------
+        polygons
+            (N, K, 3) arrays of polygons, corners in order, the first one repeated to fill up rows.
+        solids
+            Convex solids: (V, 3) corners and (F, 3) indices of each.
+
+        Returns
+        -------
+        ConvexPieces
+            All of them, nearest first.
+        """
+        corners, counts, flat, triangles, owned = [], [], [], [], []
+        for batch in polygons:
+            used = (batch != batch[:, :1]).any(axis=-1)
+            used[:, 0] = True
+            corners.append(batch[used])
+            counts.append(used.sum(axis=1))
+            flat.append(np.ones(len(batch), dtype=bool))
+            fan = np.stack(
+                [np.broadcast_to(batch[:, :1], batch[:, 2:].shape), batch[:, 1:-1], batch[:, 2:]], 2
+            )
+            real = used[:, 1:-1] & used[:, 2:]
+            triangles.append(fan[real])
+            owned.append(real.sum(axis=1))
+        for vertices, faces in solids:
+            corners.append(vertices)
+            counts.append(np.array([len(vertices)]))
+            flat.append(np.zeros(1, dtype=bool))
+            triangles.append(vertices[faces])
+            owned.append(np.array([len(faces)]))
+        if not counts:
+            nothing = np.zeros(0, dtype=np.int64)
+            none = np.zeros((0, 3))
+            return cls(none, np.zeros(1, dtype=np.int64), nothing > 0, none[:, None], nothing)
+        return _nearest_first(
+            np.concatenate(corners),
+            np.concatenate(counts),
+            np.concatenate(flat),
+            np.concatenate(triangles),
+            np.concatenate(owned),
+        )
+
+
+def _nearest_first(
+    corners: FloatArray, counts: IntArray, flat: BoolArray, triangles: FloatArray, owned: IntArray
+) -> ConvexPieces:
+    starts = np.cumsum(counts) - counts
+    distance = np.minimum.reduceat(np.linalg.norm(corners, axis=-1), starts)
+    order = np.argsort(distance, kind="stable")
+    rows = _runs(starts[order], counts[order])
+    owners = np.repeat(np.arange(len(order)), owned[order])
+    return ConvexPieces(
+        corners[rows],
+        np.concatenate([[0], np.cumsum(counts[order])]),
+        flat[order],
+        triangles[_runs((np.cumsum(owned) - owned)[order], owned[order])],
+        owners,
+    )
+
+
+def _runs(starts: IntArray, counts: IntArray) -> IntArray:
+    """Indices start, start + 1, … of many runs, one after the other."""
+    total = np.cumsum(counts)
+    runs: IntArray = np.repeat(starts - (total - counts), counts) + np.arange(counts.sum())
+    return runs
+
+
+def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> ConvexPieces:
     """Break the scene into convex pieces, as far as it can hide a target.
 
     In front of a polygon only what lies above its plane can hide it, so pieces are cut at that
@@ -109,25 +245,74 @@ def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> list[C
 
     Returns
     -------
-    list of ConvexPiece
+    ConvexPieces
         The pieces, nearest to the target first.
     """
-    corners = np.concatenate(frame.target_pieces(target))
-    pieces: list[ConvexPiece] = []
+    target_corners = np.concatenate(frame.target_pieces(target))
+    polygons: list[FloatArray] = []
+    solids: list[tuple[FloatArray, IntArray]] = []
     for body in scene.bodies:
+        closed = body.is_closed
         vertices = frame.to_local(body.vertices_mm)
         if not target.is_segment:
             vertices[np.abs(vertices[:, 2]) <= frame.tolerance, 2] = 0.0
-        for faces in connected_faces(body):
-            if body.is_closed and is_convex_body(vertices, faces):
-                pieces += _solid_piece(vertices, faces, target.is_segment)
+        for faces in connected_faces(body) if closed else [body.faces]:
+            if closed and is_convex_body(vertices, faces):
+                solids += _solid_piece(vertices, faces, target.is_segment)
                 continue
-            entry_only = body.is_closed and not target.is_segment
-            pieces += _face_pieces(
-                vertices, faces, corners, target.is_segment, entry_only, frame.tolerance
-            )
-    distance = [float(np.linalg.norm(p.vertices, axis=-1).min()) for p in pieces]
-    return [pieces[i] for i in np.argsort(distance, kind="stable")]
+            for batch in _polygons(vertices, faces):
+                if not target.is_segment:
+                    batch = _in_front(batch)
+                    if closed:
+                        batch = batch[_is_entered(batch, target_corners, frame.tolerance)]
+                polygons.append(batch)
+    return ConvexPieces.gathered(polygons, solids)
+
+
+def _polygons(vertices: FloatArray, faces: IntArray) -> list[FloatArray]:
+    """(N, K, 3) arrays of the convex polygons of a surface, one for each number of corners."""
+    loops = merge_convex(vertices, faces)
+    sizes = np.array([len(loop) for loop in loops])
+    batches = []
+    for size in np.unique(sizes):
+        of_size = np.array([loops[i] for i in np.flatnonzero(sizes == size)])
+        corners = vertices[of_size]
+        # A triangle without any area hides nothing that its neighbours do not hide.
+        batches.append(corners[np.linalg.norm(_area_vectors(corners), axis=-1) > 0])
+    return batches
+
+
+def _in_front(polygons: FloatArray) -> FloatArray:
+    """Cut polygons at the plane z = 0 and keep what is in front, its edge included."""
+    height = polygons[..., 2]
+    cut = (height < 0).any(axis=1)
+    whole = polygons[~cut & (height > 0).any(axis=1)]
+    clipped, _ = clip_polygons(polygons[cut & (height > 0).any(axis=1)], np.array([0.0, 0, 1]))
+    # Rounding leaves the crossings off the plane by a hair.
+    below = clipped[..., 2] < 1e-15
+    clipped[below, 2] = 0.0
+    padding = np.repeat(whole[:, :1], clipped.shape[1] - whole.shape[1], axis=1)
+    joined = np.concatenate([np.concatenate([whole, padding], axis=1), clipped])
+    return joined[np.linalg.norm(_area_vectors(joined), axis=-1) > 0]
+
+
+def _is_entered(polygons: FloatArray, target_corners: FloatArray, tolerance: float) -> BoolArray:
+    """(N,) whether polygons turn their outer side to some corner of the target."""
+    vectors = _area_vectors(polygons)
+    area = np.linalg.norm(vectors, axis=-1)
+    normals = vectors / area[:, None]
+    offsets = np.einsum("ni,ni->n", normals, polygons.mean(axis=1))
+    sides = polygons - np.roll(polygons, 1, axis=1)
+    thin = area <= _THIN * (sides**2).sum(axis=-1).max(axis=1)
+    entered: BoolArray = (normals @ target_corners.T).max(axis=1) - offsets > tolerance
+    # Faces that are not needed do no harm: doubt counts as entered.
+    return entered | thin
+
+
+def _area_vectors(polygons: FloatArray) -> FloatArray:
+    local = polygons - polygons[:, :1]
+    vectors: FloatArray = np.cross(local, np.roll(local, -1, axis=1)).sum(axis=1) / 2
+    return vectors
 
 
 def connected_faces(body: Solid) -> list[IntArray]:
@@ -149,7 +334,9 @@ def connected_faces(body: Solid) -> list[IntArray]:
     graph = coo_array((np.ones(len(start)), (start, stop)), shape=(count, count))
     number, label = connected_components(graph, directed=False)
     of_face = label[body.faces[:, 0]]
-    return [body.faces[of_face == k] for k in range(number) if (of_face == k).any()]
+    order = np.argsort(of_face, kind="stable")
+    ends_at = np.searchsorted(of_face[order], np.arange(1, number))
+    return [faces for faces in np.split(body.faces[order], ends_at) if len(faces)]
 
 
 def is_convex_body(vertices: FloatArray, faces: IntArray) -> bool:
@@ -172,39 +359,22 @@ def is_convex_body(vertices: FloatArray, faces: IntArray) -> bool:
     return volume > 0 and Manifold.hull_points(used).volume() - volume <= _CONVEX * volume
 
 
-def _solid_piece(vertices: FloatArray, faces: IntArray, is_segment: bool) -> list[ConvexPiece]:
-    used = vertices[np.unique(faces)]
-    if not is_segment:
-        height = vertices[:, 2]
-        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-        edges = edges[(height[edges[:, 0]] < 0) & (height[edges[:, 1]] > 0)]
-        below, above = vertices[edges[:, 0]], vertices[edges[:, 1]]
-        share = (below[:, 2:] / (below[:, 2:] - above[:, 2:]))[:, :1]
-        crossings = below + share * (above - below)
-        crossings[:, 2] = 0.0
-        used = np.concatenate([used[used[:, 2] >= 0], crossings])
-        if not (used[:, 2] > 0).any():
-            return []
-    return [ConvexPiece.hull(used)]
-
-
-def _face_pieces(
-    vertices: FloatArray,
-    faces: IntArray,
-    target_corners: FloatArray,
-    is_segment: bool,
-    entry_only: bool,
-    tolerance: float,
-) -> list[ConvexPiece]:
-    pieces = []
-    for loop in merge_convex(vertices, faces):
-        polygon = vertices[loop]
-        if not is_segment:
-            polygon = clip_in_front(polygon)
-        if len(polygon) < 3:
-            continue
-        piece = ConvexPiece.polygon(polygon)
-        entered = (target_corners @ piece.normals[0] - piece.offsets[0]).max() > tolerance
-        if entered or not entry_only:
-            pieces.append(piece)
-    return pieces
+def _solid_piece(
+    vertices: FloatArray, faces: IntArray, is_segment: bool
+) -> list[tuple[FloatArray, IntArray]]:
+    """Cut a convex solid at the plane z = 0, unless the target is a segment."""
+    number, faces_of_used = np.unique(faces, return_inverse=True)
+    used = vertices[number]
+    height = used[:, 2]
+    if is_segment or (height >= 0).all():
+        return [(used, faces_of_used.reshape(-1, 3))]
+    if not (height > 0).any():
+        return []
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = edges[(vertices[edges[:, 0], 2] < 0) & (vertices[edges[:, 1], 2] > 0)]
+    below, above = vertices[edges[:, 0]], vertices[edges[:, 1]]
+    share = (below[:, 2:] / (below[:, 2:] - above[:, 2:]))[:, :1]
+    crossings = below + share * (above - below)
+    crossings[:, 2] = 0.0
+    rest = np.concatenate([used[height >= 0], crossings])
+    return [from_manifold(Manifold.hull_points(rest))]

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+import numpy as np
+from manifold3d import Manifold
+
+from lenscal.arrays import FloatArray, IntArray
 from planning.boolean import subtract
 from planning.scene import Scene
 from planning.target import Target
-from planning.visibility.convex import occluding_pieces
+from planning.visibility.convex import ConvexPieces, occluding_pieces
 from planning.visibility.factor import Factor
 from planning.visibility.frame import TargetFrame
-from planning.visibility.shadows import shadow_cutters
+from planning.visibility.perspective import Perspective
+from planning.visibility.reach import Reach
+from planning.visibility.shadows import Shadows
+
+#: How many pieces are cut before the others are looked at again, at first; then twice as many.
+_AT_ONCE: Final = 64
+#: From how many pieces on it is cheaper to ask which of them matter than to cut them all.
+_WORTH_ASKING: Final = 32
 
 
-def direct_factors(scene: Scene, target: Target, frame: TargetFrame) -> list[Factor]:
+def direct_factors(
+    scene: Scene, target: Target, frame: TargetFrame, guarded: bool = True
+) -> list[Factor]:
     """Subtract the shadows of the scene for each convex piece of a target.
 
     Parameters
@@ -22,6 +37,8 @@ def direct_factors(scene: Scene, target: Target, frame: TargetFrame) -> list[Fac
         The target.
     frame
         Its frame.
+    guarded
+        Whether boolean operations that lose volume are repeated.
 
     Returns
     -------
@@ -35,9 +52,41 @@ def direct_factors(scene: Scene, target: Target, frame: TargetFrame) -> list[Fac
     """
     pieces = occluding_pieces(scene, target, frame)
     extent = frame.extent(target)
-    factors = []
-    for corners in frame.target_pieces(target):
-        cutters = shadow_cutters(pieces, corners, frame.tolerance)
-        solid, imbalance, repairs = subtract(extent, cutters)
-        factors.append(Factor(corners, solid, imbalance / extent.volume(), repairs))
-    return factors
+    return [
+        _factor(pieces, corners, extent, frame.tolerance, guarded)
+        for corners in frame.target_pieces(target)
+    ]
+
+
+def _factor(
+    pieces: ConvexPieces, corners: FloatArray, extent: Manifold, tolerance: float, guarded: bool
+) -> Factor:
+    """Cut until no piece sticks into what is left.
+
+    The pieces that do not are left out, for good: what is left only shrinks.
+    """
+    perspective = Perspective.of(corners)
+    shadows = Shadows(pieces, corners, tolerance, perspective)
+    middle = corners.mean(axis=0)
+    solid, worst, repairs = perspective.image(extent), 0.0, 0
+    remaining, count = np.arange(len(pieces)), _AT_ONCE
+    while len(remaining) and not solid.is_empty():
+        cutters = [shadows.cutter(int(i)) for i in remaining[:count]]
+        solid, imbalance, repeated = subtract(solid, cutters, guarded, perspective.volume)
+        worst, repairs = max(worst, imbalance), repairs + repeated
+        remaining, count = remaining[count:], 2 * count
+        if len(remaining) > _WORTH_ASKING:
+            reach = Reach.of(perspective.triangles(solid) - middle)
+            remaining = _sticking_in(reach, pieces, remaining, middle)
+    return Factor(corners, perspective.original(solid), worst / extent.volume(), repairs)
+
+
+def _sticking_in(
+    reach: Reach, pieces: ConvexPieces, among: IntArray, middle: FloatArray
+) -> IntArray:
+    """Keep the pieces that may reach into a solid that is star-shaped about a point."""
+    chosen = np.zeros(len(pieces), dtype=bool)
+    chosen[among] = True
+    which = np.flatnonzero(chosen[pieces.owners])
+    entered = reach.entered_by(pieces.triangles[which] - middle)
+    return np.unique(pieces.owners[which[entered]])

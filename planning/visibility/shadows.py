@@ -9,22 +9,38 @@ the other. They are found as such, and the workspace is cut by them, so nothing 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
+import manifold3d
 import numpy as np
 from manifold3d import Manifold
+from scipy.spatial import ConvexHull
 
 from lenscal.arrays import FloatArray, IntArray
-from planning.boolean import Cutter
-from planning.visibility.convex import ConvexPiece
+from planning.boolean import Cutter, from_manifold
+from planning.visibility.convex import ConvexPiece, ConvexPieces
+from planning.visibility.perspective import Perspective
 
 #: An edge and a corner span a plane when the sine of their angle exceeds this.
 _COLLINEAR: Final = 1e-13
 #: Planes that agree to this many decimals (in units of the frame) are one.
 _SAME_DECIMALS: Final = 11
-#: How far shadows go on below the plane of the target, in units of the frame.
-_BELOW: Final = 0.25
+#: How far shadows go on below the plane of the target, in units of the frame: not as far as the
+#: point that the perspective moves to infinity.
+_BELOW: Final = 0.005
+#: Where shadows end, in units of the frame's extent along a direction: there and a little farther.
+_BEYOND: Final = 1.01
+_STAGGER: Final = 0.03
+_GOLDEN: Final = 0.618033988749895
+_UPRIGHT: Final = np.array([0.0, 0.0, 1.0])
+#: How many times farther than the piece the end of its shadow may be.
+_FARTHEST: Final = 64.0
+#: From how many points on its outline at the end is worked out first.
+_MANY: Final = 32
+_SAME_PLANE: Final = 1e-9
+#: How far, in units of the frame, a shadow may be wrong.
+_INEXACT: Final = 1e-12
 #: Candidate planes that are tried at once.
 _AT_ONCE: Final = 20_000
 
@@ -63,10 +79,15 @@ def shadow_planes(piece: ConvexPiece, target: FloatArray, tolerance: float) -> F
     return found[np.sort(first)]
 
 
-def shadow_cutters(
-    pieces: Sequence[ConvexPiece], target: FloatArray, tolerance: float
-) -> list[Cutter]:
-    """Prepare the shadows of many pieces as solids.
+@dataclass(frozen=True, slots=True, eq=False)
+class Shadows:
+    """The shadows of many pieces, made as solids when they are asked for.
+
+    Every shadow is cut off by a plane beyond the frame's extent: it is the hull of the piece and of
+    the points where the rays from its corners, away from every corner of the target, meet that
+    plane. For pieces that are very near to the target these would be too far away to be placed
+    well; of such pieces the limiting planes are found and a cube is cut by them, so that nothing
+    has to be placed "far away": the shadow is right at any distance.
 
     Parameters
     ----------
@@ -76,34 +97,109 @@ def shadow_cutters(
         (M, 3) corners of a convex target in order, in its frame.
     tolerance
         As in `shadow_planes`.
-
-    Returns
-    -------
-    list of Cutter
-        Each makes the shadow within the unit cube about the target, its planes moved outwards by
-        the distance it is given.
+    perspective
+        The map under which the solids are given.
     """
-    cube = Manifold.cube([2.0, 2.0, 2.0], center=True).scale([1.001, 1.001, 1.001])
-    if len(target) > 2:
-        cube = cube.trim_by_plane([0.0, 0.0, 1.0], -_BELOW)
 
-    def cutter(piece: ConvexPiece) -> Cutter:
-        planes = shadow_planes(piece, target, tolerance)
-        if len(target) > 2:
-            # The workspace is cut at the target's plane already; the shadow of a piece that stands
-            # on it goes on below, so that their faces do not coincide there.
-            on_plane = (planes[:, 2] > 1 - 1e-12) & (np.abs(planes[:, 3]) <= tolerance)
-            planes = planes[~on_plane]
+    pieces: ConvexPieces
+    target: FloatArray
+    tolerance: float
+    perspective: Perspective
+
+    def cutter(self, index: int) -> Cutter:
+        """Prepare the shadow of one piece.
+
+        Parameters
+        ----------
+        index
+            Number of the piece.
+
+        Returns
+        -------
+        Cutter
+            Makes the shadow within the unit cube about the target and some way beyond, its planes
+            moved outwards by the distance it is given.
+        """
 
         def make(inflation: float) -> Manifold:
-            solid = cube
-            for *normal, offset in planes:
-                solid = solid.trim_by_plane(normal, offset - inflation)
-            return solid
+            hull = self._hull(index) if inflation == 0 else None
+            return hull or self._between_planes(index, inflation)
 
         return make
 
-    return [cutter(piece) for piece in pieces]
+    def _hull(self, index: int) -> Manifold | None:
+        corners = self.pieces.corners_of(index)
+        if len(self.target) > 2 and corners[:, 2].min() <= 0:
+            # What stands on the plane of the target has to hide what is below it as well.
+            return None
+        directions = np.stack([corners.mean(axis=0) - self.target.mean(axis=0), _UPRIGHT])
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        of_piece, of_target = corners @ directions.T, self.target @ directions.T
+        # The planes of different shadows differ: no two faces coincide out there.
+        ends = np.abs(directions).sum(axis=-1) * (_BEYOND + _STAGGER * (_GOLDEN * index % 1.0))
+        nearness = (of_piece.min(axis=0) - of_target.max(axis=0)) / ends
+        best = int(np.argmax(nearness))
+        if nearness[best] * _FARTHEST < 1:
+            return None
+        ahead = of_piece[:, None, best] - of_target[:, best]
+        stretch = np.maximum((ends[best] - of_piece[:, None, best]) / ahead, 0.0)
+        away = corners[:, None] - self.target
+        far = (corners[:, None] + stretch[..., None] * away).reshape(-1, 3)
+        if len(far) > _MANY:
+            far = far[_outline(far, directions[best])]
+        points = self.perspective.forward(np.concatenate([corners, far]))
+        for make in (Manifold.hull_points, _careful_hull):
+            hull = make(points)
+            if _holds(hull, points):
+                return hull
+        return None
+
+    def _between_planes(self, index: int, inflation: float) -> Manifold:
+        solid = Manifold.cube([2.0, 2.0, 2.0], center=True).scale([1.001, 1.001, 1.001])
+        planes = shadow_planes(self.pieces.piece(index), self.target, self.tolerance)
+        if len(self.target) > 2:
+            solid = solid.trim_by_plane([0.0, 0.0, 1.0], -_BELOW)
+            # The workspace is cut at the target's plane already; the shadow of a piece that stands
+            # on it goes on below, so that their faces do not coincide there.
+            on_plane = (planes[:, 2] > 1 - 1e-12) & (np.abs(planes[:, 3]) <= self.tolerance)
+            planes = planes[~on_plane]
+        for *normal, offset in planes:
+            solid = solid.trim_by_plane(normal, offset - inflation)
+        return self.perspective.image(solid)
+
+
+def _careful_hull(points: FloatArray) -> Manifold:
+    """Make a hull by qhull, which is ten times slower than manifold3d and leaves nothing out."""
+    hull = ConvexHull(points)
+    number, faces = np.unique(hull.simplices, return_inverse=True)
+    vertices, faces = points[number], faces.reshape(-1, 3)
+    first, second, third = np.moveaxis(vertices[faces], 1, 0)
+    outwards = np.einsum("fi,fi->f", np.cross(second - first, third - first), hull.equations[:, :3])
+    faces = np.where((outwards < 0)[:, None], faces[:, ::-1], faces)
+    return Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
+
+
+def _holds(hull: Manifold, points: FloatArray) -> bool:
+    """Whether a hull holds what it was made of: manifold3d leaves out what sticks out by 1e-7."""
+    if hull.is_empty():
+        return False
+    vertices, faces = from_manifold(hull)
+    first, second, third = np.moveaxis(vertices[faces], 1, 0)
+    normals = np.cross(second - first, third - first)
+    length = np.linalg.norm(normals, axis=-1)
+    offsets = np.einsum("fi,fi->f", normals, first)
+    beyond = (points @ normals.T - offsets).max(axis=0, initial=0.0)
+    return bool((beyond <= _INEXACT * length).all())
+
+
+def _outline(points: FloatArray, normal: FloatArray) -> IntArray:
+    """Which points of a plane with this normal are the corners of their hull; and all off it."""
+    height = points @ normal
+    on_plane = np.flatnonzero(height < height.min() + _SAME_PLANE)
+    across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    flat = points[on_plane] @ np.stack([across, np.cross(normal, across)], axis=-1)
+    corners: IntArray = on_plane[ConvexHull(flat).vertices]
+    return np.concatenate([corners, np.flatnonzero(height >= height.min() + _SAME_PLANE)])
 
 
 def _target_edges(count: int) -> IntArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from planning.polygons import clip_in_front, merge_convex
+from planning.polygons import clip_polygons, merge_convex
 
 
 def test_faces_of_a_box_become_six_rectangles() -> None:
@@ -37,10 +37,21 @@ def test_faceted_sphere_keeps_its_triangles() -> None:
 
 def test_cut_at_the_plane_keeps_the_edge() -> None:
     upright = np.array([[0.0, 0, -1], [2, 0, -1], [2, 0, 1], [0, 0, 1]])
-    np.testing.assert_allclose(
-        sorted(clip_in_front(upright).tolist()), [[0, 0, 0], [0, 0, 1], [2, 0, 0], [2, 0, 1]]
-    )
-    assert len(clip_in_front(upright - [0, 0, 1])) == 0
-    assert len(clip_in_front(upright * [1, 1, 0])) == 0
-    lifted = upright + np.array([0, 0, 1])
-    np.testing.assert_array_equal(clip_in_front(lifted), lifted)
+    above = np.array([0.0, 0, 1])
+    batch = np.stack([upright, upright - [0, 0, 2], upright + [0, 0, 1]])
+    cut, kept = clip_polygons(batch, above)
+    np.testing.assert_array_equal(kept, [0, 2])
+    assert cut.shape == (2, 5, 3)
+    wanted = [[0, 0, 0], [0, 0, 1], [2, 0, 0], [2, 0, 1]]
+    np.testing.assert_allclose(np.unique(cut[0], axis=0), wanted)
+    # Rows with fewer corners are filled up with the first.
+    np.testing.assert_array_equal(cut[1], [*batch[2], batch[2, 0]])
+
+
+def test_what_touches_the_plane_is_kept() -> None:
+    touching = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, -1]]])
+    cut, kept = clip_polygons(touching, np.array([0.0, 0, 1]))
+    assert len(kept) == 1
+    np.testing.assert_array_equal(np.unique(cut[0], axis=0), [[0, 0, 0], [1, 0, 0]])
+    cut, kept = clip_polygons(touching[:0], np.array([0.0, 0, 1]))
+    assert len(cut) == len(kept) == 0
