@@ -19,6 +19,7 @@ from planning.scene import Scene
 from planning.solid import Solid
 from planning.target import Target
 from planning.visibility.audit import Audit, random_viewpoints, sees_whole_target
+from planning.visibility.decomposition import decomposition_factors
 from planning.visibility.direct import direct_factors
 from planning.visibility.factor import Factor
 from planning.visibility.frame import TargetFrame
@@ -32,7 +33,10 @@ _JUST_IN_FRONT: Final = 1e-6
 #: Computes a factor for each convex piece of a target within the frame's extent.
 Method = Callable[[Scene, Target, TargetFrame], list[Factor]]
 
-METHODS: Final[dict[str, Method]] = {"direct": direct_factors}
+METHODS: Final[dict[str, Method]] = {
+    "direct": direct_factors,
+    "decomposition": decomposition_factors,
+}
 
 
 def visibility_region(
