@@ -166,7 +166,8 @@ def is_convex_body(vertices: FloatArray, faces: IntArray) -> bool:
     """
     volume = Solid(vertices, faces).volume_mm3
     used = np.ascontiguousarray(vertices[np.unique(faces)])
-    return volume > 0 and Manifold.hull_points(used).volume() - volume <= _CONVEX * volume
+    # A hull of less volume has lost corners: that of a thin plate does.
+    return volume > 0 and abs(Manifold.hull_points(used).volume() - volume) <= _CONVEX * volume
 
 
 def _solid_piece(vertices: FloatArray, faces: IntArray, is_segment: bool) -> list[ConvexPiece]:
