@@ -85,9 +85,12 @@ class ConvexPiece:
         turn = np.linalg.norm(
             np.cross(mesh.face_normals[pairs[:, 0]], mesh.face_normals[pairs[:, 1]]), axis=-1
         )
-        normals = np.asarray(mesh.face_normals)
-        offsets = np.einsum("fi,fi->f", normals, vertices[faces[:, 0]])
-        return cls(vertices, np.asarray(mesh.face_adjacency_edges)[turn > 1e-12], normals, offsets)
+        # A corner in the middle of an edge makes a triangle without an area, thus without a normal.
+        flat = ~np.asarray(mesh.face_normals).any(axis=1)
+        real = (turn > 1e-12) | flat[pairs].any(axis=1)
+        normals = np.asarray(mesh.face_normals)[~flat]
+        offsets = np.einsum("fi,fi->f", normals, vertices[faces[~flat, 0]])
+        return cls(vertices, np.asarray(mesh.face_adjacency_edges)[real], normals, offsets)
 
 
 def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> list[ConvexPiece]:
