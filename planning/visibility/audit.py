@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from functools import reduce
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from lenscal.arrays import BoolArray, FloatArray, frozen_array
-from planning.scene import Scene
 from planning.solid import Solid
 from planning.target import Target
 
@@ -68,7 +67,18 @@ class Audit:
         return asdict(self)
 
 
-def sees_whole_target(viewpoints_mm: npt.ArrayLike, target: Target, scene: Scene) -> BoolArray:
+class Occluders(Protocol):
+    """What can hide a target: a scene, or a sheet without thickness."""
+
+    @property
+    def triangles_mm(self) -> FloatArray:
+        """(F, 3, 3) corners of all faces in mm."""
+
+    def inside_material(self, points_mm: npt.ArrayLike) -> BoolArray:
+        """Tell which points lie inside of bodies."""
+
+
+def sees_whole_target(viewpoints_mm: npt.ArrayLike, target: Target, scene: Occluders) -> BoolArray:
     """Decide exactly which viewpoints see all of a target.
 
     Parameters

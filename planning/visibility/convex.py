@@ -86,9 +86,10 @@ class ConvexPiece:
             np.cross(mesh.face_normals[pairs[:, 0]], mesh.face_normals[pairs[:, 1]]), axis=-1
         )
         # A corner in the middle of an edge makes a triangle without an area, thus without a normal.
-        flat = ~np.asarray(mesh.face_normals).any(axis=1)
+        all_normals = np.asarray(mesh.face_normals)
+        flat = np.linalg.norm(all_normals, axis=-1) == 0
         real = (turn > 1e-12) | flat[pairs].any(axis=1)
-        normals = np.asarray(mesh.face_normals)[~flat]
+        normals = all_normals[~flat]
         offsets = np.einsum("fi,fi->f", normals, vertices[faces[~flat, 0]])
         return cls(vertices, np.asarray(mesh.face_adjacency_edges)[real], normals, offsets)
 

@@ -1,8 +1,9 @@
 """The paper's algorithm: faces as polygons with holes, decomposed into convex tasks (section 1.2).
 
-Of every face in front of the target the region is computed that it hides: the occluded region of its
-hull less the viewing regions of its holes, (1), and of its gulfs, (2), each of which is the viewing
-region of a hull less the occluded regions of what remains of it, and so on. Their union is hidden.
+Of every face in front of the target the region is computed that it hides: the occluded region of
+its hull less the viewing regions of its holes, (1), and of its gulfs, (2), each of which is the
+viewing region of a hull less the occluded regions of what remains of it, and so on. Their union is
+hidden.
 """
 
 from __future__ import annotations
@@ -45,9 +46,7 @@ def decomposition_factors(scene: Scene, target: Target, frame: TargetFrame) -> l
         When the boolean operations fail.
     """
     faces = faces_in_front(scene, target, frame)
-    return [
-        factor_past(faces, target, frame, corners) for corners in frame.target_pieces(target)
-    ]
+    return [factor_past(faces, target, frame, corners) for corners in frame.target_pieces(target)]
 
 
 def faces_in_front(scene: Scene, target: Target, frame: TargetFrame) -> list[FlatFace]:

@@ -1,8 +1,9 @@
 """The convex decomposition of the paper: polygon = hull − gulfs, (2), until all is convex.
 
-A polygon becomes a tree of convex parts that are material and hole in turn. Below a part of material
-lie the *equivalent holes* of its gulfs, and its holes; below a hole lies the material between it and
-its hull. docs/derivations.md proves that the regions of the parts, subtracted in turn, are exact.
+A polygon becomes a tree of convex parts that are material and hole in turn. Inside a part of
+material are the *equivalent holes* of its gulfs, and its holes; inside a hole is the material
+between it and its hull. docs/derivations.md proves that their regions, subtracted in turn, are
+exact.
 """
 
 from __future__ import annotations
@@ -68,9 +69,7 @@ def face_part(face: FlatFace) -> Part:
     holes = tuple(
         hole_part(hole, face.normal, f"hole {number}") for number, hole in enumerate(face.holes)
     )
-    return Part(
-        body.name, True, body.outline, body.hull, body.beyond, (*body.inside, *holes)
-    )
+    return Part(body.name, True, body.outline, body.hull, body.beyond, (*body.inside, *holes))
 
 
 def hole_part(outline: FloatArray, normal: FloatArray, name: str = "hole") -> Part:

@@ -279,8 +279,7 @@ def _with_holes(loops: list[FloatArray], normal: FloatArray) -> list[FlatFace]:
         own = [
             hole
             for hole in holes
-            if len(outlines) == 1
-            or surrounds(outline @ axes, _middles(hole) @ axes).mean() > 0.5
+            if len(outlines) == 1 or surrounds(outline @ axes, _middles(hole) @ axes).mean() > 0.5
         ]
         faces.append(FlatFace(outline, tuple(own), unit, float((outline @ unit).mean())))
     return faces

@@ -1,4 +1,4 @@
-"""What a part of a face hides, or lets through, on one side of its plane: solids from convex ones."""
+"""What a part of a face hides, or shows, beyond its plane: solids made of convex ones."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from manifold3d import Manifold
 
 from lenscal.arrays import FloatArray
-from planning.boolean import Cutter, subtract
+from planning.boolean import Cutter, subtract, trimmed
 from planning.visibility.convex import ConvexPiece
 from planning.visibility.gulfs import Part
 from planning.visibility.shadows import shadow_planes, viewing_planes
 
-#: Half the side of the cube within which regions are made, and by how much it grows with every level
-#: of the decomposition: what is taken out reaches beyond what it is taken out of, so that their
-#: faces do not coincide there. The extent of the frame is 1.0005.
+#: Half the side of the cube within which regions are made, and by how much it grows with every
+#: level of the decomposition: what is taken out reaches beyond what it is taken out of, so that
+#: their faces do not coincide there. The extent of the frame is 1.0005.
 _CUBE: Final = 1.001
 _LEVEL: Final = 0.001
 #: How far all of this goes on below the plane of a polygon target.
@@ -94,25 +94,34 @@ class PartRegions:
             polygon target it means nothing.
         """
         made = self._region(part, growth, 0)
-        return made.trim_by_plane(self._side.normal, self._side.offset - growth)
+        return made if part.is_material else self._beyond(made, growth)
 
-    def hull_region(self, part: Part, growth: float = 0.0, level: int = 0) -> Manifold:
+    def hull_region(self, part: Part) -> Manifold:
         """Make the same of the convex hull of a part: a convex region.
 
         Parameters
         ----------
         part
             Material or a hole.
-        growth
-            By how much larger, on all sides.
-        level
-            How deep in the decomposition the part is.
 
         Returns
         -------
         Manifold
-            The region; the plane of the face does not bound it.
+            The region, as above.
         """
+        made = self._hull_region(part, 0.0, 0)
+        return made if part.is_material else self._beyond(made, 0.0)
+
+    def _beyond(self, solid: Manifold, growth: float) -> Manifold:
+        """Cut at the plane of the face.
+
+        What material hides is cut before anything is taken out of it; what a hole shows goes on
+        below, since it is to be taken out. Were all cut at the end, the plane would go through
+        every corner of every part, and films of rounding would close holes.
+        """
+        return trimmed(solid, self._side.normal, self._side.offset - growth)
+
+    def _hull_region(self, part: Part, growth: float, level: int) -> Manifold:
         solid = self._cube(level)
         planes = self._hiding(part) if part.is_material else self._showing(part)
         if planes is None:
@@ -122,11 +131,11 @@ class PartRegions:
             upright = (np.abs(planes[:, :2]) <= _UPRIGHT).all(axis=1) & (planes[:, 2] > 0)
             planes = planes[~(upright & (np.abs(planes[:, 3]) <= self._side.tolerance))]
         for *normal, offset in planes:
-            solid = solid.trim_by_plane(normal, offset - growth)
-        return solid
+            solid = trimmed(solid, normal, offset - growth)
+        return self._beyond(solid, growth) if part.is_material else solid
 
     def _region(self, part: Part, growth: float, level: int) -> Manifold:
-        solid = self.hull_region(part, growth, level)
+        solid = self._hull_region(part, growth, level)
         if not part.inside or solid.is_empty():
             return solid
         # What is taken out shrinks where the whole is to grow.
@@ -142,7 +151,7 @@ class PartRegions:
     def _hiding(self, part: Part) -> FloatArray:
         side = self._side
         planes = shadow_planes(ConvexPiece.polygon(part.hull), side.target, side.tolerance)
-        # The plane of the face itself is cut once, at the end: it bounds all parts alike.
+        # The plane of the face itself is the same for all of its parts.
         off = np.abs(planes[:, :3] @ part.hull.T - planes[:, 3:]).max(axis=1, initial=0.0)
         kept: FloatArray = planes[off > side.tolerance]
         return kept

@@ -16,7 +16,7 @@ import numpy as np
 from manifold3d import Manifold
 
 from lenscal.arrays import BoolArray, FloatArray, IntArray
-from planning.boolean import Cutter
+from planning.boolean import Cutter, trimmed
 from planning.visibility.convex import ConvexPiece
 
 #: An edge and a corner span a plane when the sine of their angle exceeds this.
@@ -152,7 +152,7 @@ def shadow_cutters(
         def make(inflation: float) -> Manifold:
             solid = cube
             for *normal, offset in planes:
-                solid = solid.trim_by_plane(normal, offset - inflation)
+                solid = trimmed(solid, normal, offset - inflation)
             return solid
 
         return make

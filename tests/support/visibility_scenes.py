@@ -1,7 +1,7 @@
 """Random scenes for visibility: every kind of thing that a method can get wrong, from a seed.
 
-`random_scene(kind, seed)` gives bodies, a target of about 10 mm and a workspace of about 100 mm. Kinds
-that stand or fall with exact coincidence stay along the axes; the others are turned at random.
+`random_scene(kind, seed)` gives bodies, a target of about 10 mm and a workspace of about 100 mm.
+Kinds that stand or fall with exact coincidence stay along the axes; others are turned at random.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class VisibilityScene:
 
 @dataclass
 class Parts:
-    """What a builder gives: meshes, corners of the target, the workspace, whether it may be turned."""
+    """What a builder gives: meshes, corners of the target, workspace, whether it may be turned."""
 
     meshes: list[trimesh.Trimesh]
     target: np.ndarray
@@ -141,9 +141,7 @@ def prism(loops, low: float, high: float) -> trimesh.Trimesh:
         sides += [np.stack([here, there, there + count], axis=-1)]
         sides += [np.stack([here, there + count, here + count], axis=-1)]
         start += len(loop)
-    vertices = np.concatenate(
-        [np.column_stack([flat, np.full(count, z)]) for z in (low, high)]
-    )
+    vertices = np.concatenate([np.column_stack([flat, np.full(count, z)]) for z in (low, high)])
     return _mesh(vertices, np.concatenate([cap[:, ::-1], cap + count, *sides]))
 
 
@@ -277,8 +275,9 @@ def _pocket_floor(generator) -> Parts:
     top = middle + growth * (target - middle)
     ends = [_flat(target), np.column_stack([top, np.full(len(top), height)])]
     block = _box((-15, -15, -5), (15, 15, 0.9 * height))
-    solids = [to_manifold("body", m.vertices, m.faces) for m in (block, _hull(np.concatenate(ends)))]
-    return Parts([_mesh(*from_manifold(solids[0] - solids[1]))], _flat(target), _above())
+    bodies = (block, _hull(np.concatenate(ends)))
+    whole, pocket = (to_manifold("body", m.vertices, m.faces) for m in bodies)
+    return Parts([_mesh(*from_manifold(whole - pocket))], _flat(target), _above())
 
 
 def _fillet(generator) -> Parts:
