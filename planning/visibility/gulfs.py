@@ -9,6 +9,7 @@ exact.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -134,7 +135,7 @@ def _edges_beyond(corners_beyond: BoolArray) -> BoolArray:
 
 
 def _hull_and_chains(outline: FloatArray, normal: FloatArray) -> tuple[IntArray, list[IntArray]]:
-    """Corners of the hull, and the chains of corners that leave it, ends on the hull included."""
+    """Corners of the hull, and the chains of corners within it, their ends on it included."""
     flat = (outline - outline[0]) @ axes_across(normal).T
     tolerance = _SHALLOW * float(np.ptp(flat, axis=0).max())
     hull = _hull_corners(flat, tolerance)
@@ -143,10 +144,11 @@ def _hull_and_chains(outline: FloatArray, normal: FloatArray) -> tuple[IntArray,
     for here, there in zip(hull, np.roll(hull, -1), strict=True):
         chain = np.arange(here, there + 1 if there > here else there + count + 1) % count
         lid = flat[there] - flat[here]
-        arms = flat[chain[1:-1]] - flat[here]
-        depth = np.abs(lid[0] * arms[:, 1] - lid[1] * arms[:, 0])
-        if depth.max(initial=0.0) > tolerance * np.linalg.norm(lid):
-            chains.append(chain)
+        arms = flat[chain] - flat[here]
+        depth = np.abs(lid[0] * arms[:, 1] - lid[1] * arms[:, 0]) / np.linalg.norm(lid)
+        # A chain that comes back to the lid on its way goes around more than one gulf.
+        on_lid = np.flatnonzero(depth <= tolerance)
+        chains += [chain[a : b + 1] for a, b in pairwise(on_lid.tolist()) if b > a + 1]
     return hull, chains
 
 

@@ -151,7 +151,8 @@ def _triangulated(vertices: FloatArray, lengths: list[int], normal: FloatArray) 
     corners = flat[triangles]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     made = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
-    if made.min(initial=0.0) < -_AREA * scale**2 or abs(made.sum() - wanted) > _AREA * scale**2:
+    off = max(-made.min(initial=0.0), abs(made.sum() - wanted))
+    if off > _AREA * scale**2 or 0 in depths[1:]:
         raise GeometryError(
             "the outline of the polygon crosses itself, or a hole reaches out of it or across "
             "another hole; give loops that do not cross, each in the order in which it goes around"
