@@ -101,7 +101,7 @@ def occluded_region(
     GeometryError
         When the polygon cannot be used, or the boolean operations fail.
     """
-    sheet = Sheet(np.asarray(occluder_polygon, dtype=np.float64), holes)
+    sheet = _sheet(occluder_polygon, holes)
     frame = TargetFrame.around(target, workspace)
     space = _space(workspace, target, frame)
     faces = sheet.faces_in_front(target, frame)
@@ -160,7 +160,7 @@ def viewing_region(
     GeometryError
         When the polygon cannot be used, or the boolean operations fail.
     """
-    hole = Sheet(np.asarray(hole_polygon, dtype=np.float64))
+    hole = _sheet(hole_polygon, ())
     frame = TargetFrame.around(target, workspace)
     seen, imbalances, repairs = _space(workspace, target, frame), [0.0], 0
     faces = hole.faces_in_front(target, frame)
@@ -219,7 +219,7 @@ def occlusion_steps(
         First the material as a whole, then its gulfs, holes and all that is inside of them; the
         same for each island, each part in front and each convex piece of the target.
     """
-    sheet = Sheet(np.asarray(occluder_polygon, dtype=np.float64), holes)
+    sheet = _sheet(occluder_polygon, holes)
     frame = TargetFrame.around(target, workspace)
     space = _space(workspace, target, frame)
     faces = sheet.faces_in_front(target, frame)
@@ -286,6 +286,11 @@ def _makers(
         ]
         for face in faces
     ]
+
+
+def _sheet(outline: npt.ArrayLike, holes: Sequence[npt.ArrayLike]) -> Sheet:
+    loops = [np.asarray(loop, dtype=np.float64) for loop in (outline, *holes)]
+    return Sheet(loops[0], loops[1:])
 
 
 def _space(workspace: Solid, target: Target, frame: TargetFrame) -> Manifold:

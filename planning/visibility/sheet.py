@@ -50,7 +50,7 @@ class Sheet:
     """
 
     outline_mm: FloatArray
-    holes_mm: Sequence[npt.ArrayLike] = ()
+    holes_mm: Sequence[FloatArray] = ()
     #: (3,) unit normal: the outline goes counter-clockwise about it.
     normal: FloatArray = field(init=False)
     #: (V, 3) corners of all loops, exactly in the plane, and (F, 3) triangles of the material.

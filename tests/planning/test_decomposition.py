@@ -18,6 +18,7 @@ from visibility_scenes import (
 
 from lenscal.errors import GeometryError
 from planning import box_workspace, occluded_region, viewing_region, visibility_region
+from planning.occlusion_plots import example_figure
 from planning.scene import Scene
 from planning.solid import Solid
 from planning.target import Target
@@ -343,3 +344,9 @@ def test_polygon_in_the_plane_of_a_segment_hides_nothing() -> None:
 def test_polygons_that_are_none_are_refused(outline, holes, message: str) -> None:
     with pytest.raises(GeometryError, match=message):
         occluded_region(outline, TARGET, SPACE, holes=holes)
+
+
+def test_the_example_is_drawn() -> None:
+    figure = example_figure()
+    assert [axes.get_title()[:2] for axes in figure.axes] == ["1.", "2.", "3.", "4.", "5.", "6."]
+    assert all(len(axes.collections) >= 2 for axes in figure.axes)
