@@ -58,7 +58,8 @@ def visibility_region(
     workspace
         Where the projection centre may be, a closed solid in the part's frame.
     method
-        "direct": shadows of convex pieces are subtracted from the workspace.
+        "direct": shadows of convex pieces are subtracted from the workspace. "decomposition": the
+        paper's algorithm on faces with holes, several times slower.
     audit_points
         How many random viewpoints are compared with the independent exact test.
     seed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from manifold3d import Manifold
 from scipy.spatial.transform import Rotation
 from visibility_scenes import (
     KINDS,
@@ -17,7 +18,7 @@ from visibility_scenes import (
 )
 
 from lenscal.errors import GeometryError
-from planning import box_workspace, occluded_region, viewing_region, visibility_region
+from planning import boolean, box_workspace, occluded_region, viewing_region, visibility_region
 from planning.occlusion_plots import example_figure
 from planning.scene import Scene
 from planning.solid import Solid
@@ -68,6 +69,22 @@ def test_audit_finds_no_disagreement(kind: str) -> None:
     region = visibility_region(case.scene, case.target, case.workspace, method="decomposition")
     assert region.audit.viewpoints == 10_000
     assert region.audit.disagreements == 0
+
+
+@pytest.mark.parametrize("method", ["direct", "decomposition"])
+@pytest.mark.parametrize("place", [(300, 0, 20), (0, 0, 300), (300, 200, -500)])
+def test_bodies_beyond_the_workspace_hide_nothing(method: str, place) -> None:
+    far = trimesh.creation.icosphere(subdivisions=1, radius=10)
+    far.apply_translation(place)
+    region = visibility_region(Scene([far]), TARGET, SPACE, method=method, audit_points=0)
+    assert region.volume_mm3 == pytest.approx(SPACE.volume_mm3, rel=1e-12)
+
+
+def test_intersection_that_loses_volume_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    cube = Manifold.cube([1, 1, 1])
+    monkeypatch.setattr(boolean, "BALANCE_TOLERANCE", -1.0)
+    with pytest.raises(GeometryError, match="fail to add up by .* slightly larger or elsewhere"):
+        boolean.intersect(cube, cube.translate([0.5, 0, 0]))
 
 
 # ── closed forms ──────────────────────────────────────────────────────────────────────────────────
