@@ -12,7 +12,8 @@ from lenscal.arrays import FloatArray
 from planning.boolean import Cutter, subtract, trimmed
 from planning.visibility.convex import ConvexPiece
 from planning.visibility.gulfs import Part
-from planning.visibility.shadows import shadow_planes, viewing_planes
+from planning.visibility.shadows import shadow_planes
+from planning.visibility.viewing import viewing_planes
 
 #: Half the side of the cube within which regions are made, and by how much it grows with every
 #: level of the decomposition: what is taken out reaches beyond what it is taken out of, so that
