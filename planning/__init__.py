@@ -23,8 +23,10 @@ _HOMES: Final = {
     "box_workspace": "planning.solid",
     "example_part": "planning.enclosure",
     "object_distance_bounds_mm": "planning.settings",
+    "occluded_region": "planning.visibility.polygon_regions",
     "plan": "planning.planner",
     "verify_viewpoint": "planning.verify",
+    "viewing_region": "planning.visibility.polygon_regions",
     "visibility_region": "planning.visibility.methods",
 }
 

@@ -12,6 +12,7 @@ from typing import Final
 
 import manifold3d
 import numpy as np
+import numpy.typing as npt
 from manifold3d import Manifold
 
 from lenscal.arrays import FloatArray, IntArray
@@ -25,6 +26,10 @@ SLIVER: Final = 1e-9
 #: then the cutters by these distances in units of the frame.
 _GROWTHS: Final = (0.0, 1e-12, 1e-11, 1e-10)
 _INFLATIONS: Final = (1e-9, 1e-8, 1e-7)
+#: How far, in units of the frame, and where the second of two solids is moved when the volumes of
+#: their intersection do not add up.
+_NUDGES: Final = (0.0, 1e-12, -1e-12, 1e-11, -1e-11, 1e-10)
+_ASKEW: Final = (0.36, 0.48, 0.8)
 #: How many cutters are united before they are subtracted, at least, and for each face of the solid:
 #: every step costs as much as the solid has faces.
 _CHUNK: Final = 32
@@ -112,6 +117,24 @@ def from_manifold(solid: Manifold) -> tuple[FloatArray, IntArray]:
     return vertices[:, :3], same[faces]
 
 
+def trimmed(solid: Manifold, normal: npt.ArrayLike, offset: float) -> Manifold:
+    """Cut a solid by a plane.
+
+    Parameters
+    ----------
+    solid
+        The solid; manifold3d makes a fault of cutting an empty one, this does not.
+    normal, offset
+        (3,) unit normal, and normal · point of the plane.
+
+    Returns
+    -------
+    Manifold
+        What lies on the side that the normal points to.
+    """
+    return solid if solid.is_empty() else solid.trim_by_plane(normal, offset)
+
+
 def intersect(first: Manifold, second: Manifold) -> tuple[Manifold, float]:
     """Intersect two solids and check the books.
 
@@ -126,9 +149,19 @@ def intersect(first: Manifold, second: Manifold) -> tuple[Manifold, float]:
         What both share.
     imbalance : float
         By how much the volumes of the parts of the first fail to add up.
+
+    Raises
+    ------
+    GeometryError
+        When they do not add up whatever is tried.
     """
-    common, rest = first.split(second)
-    return common, abs(first.volume() - common.volume() - rest.volume())
+    imbalance = np.inf
+    for distance in _NUDGES:
+        common, rest = first.split(second.translate(np.multiply(distance, _ASKEW)))
+        imbalance = abs(first.volume() - common.volume() - rest.volume())
+        if imbalance <= BALANCE_TOLERANCE:
+            return common, imbalance
+    raise _unbalanced(imbalance)
 
 
 def subtract(
@@ -190,10 +223,14 @@ def _subtract_chunk(
         imbalance = abs(before - volume(removed) - volume(rest))
         if imbalance <= BALANCE_TOLERANCE * whole or not guarded:
             return rest, imbalance, tries
-    raise GeometryError(
-        f"the volumes of a boolean operation fail to add up by {imbalance / whole:.1e} of the "
-        "whole, also with slightly larger cutters; simplify the part about the target, or "
-        "move the target by a little"
+    raise _unbalanced(imbalance / whole)
+
+
+def _unbalanced(share: float) -> GeometryError:
+    return GeometryError(
+        f"the volumes of a boolean operation fail to add up by {share:.1e} of the whole, also with "
+        "solids that are slightly larger or elsewhere; simplify the part about the target, or move "
+        "the target by a little"
     )
 
 
@@ -218,7 +255,8 @@ def _without_slivers(
     solid: Manifold, whole: float, volume: Callable[[Manifold], float]
 ) -> Manifold:
     components = solid.decompose()
-    kept = [c for c in components if volume(c) > SLIVER * whole]
+    # A cavity is a component of negative volume.
+    kept = [c for c in components if abs(volume(c)) > SLIVER * whole]
     if len(kept) == len(components):
         return solid
     return Manifold.compose(kept)

@@ -88,9 +88,13 @@ class ConvexPiece:
         turn = np.linalg.norm(
             np.cross(mesh.face_normals[pairs[:, 0]], mesh.face_normals[pairs[:, 1]]), axis=-1
         )
-        normals = np.asarray(mesh.face_normals)
-        offsets = np.einsum("fi,fi->f", normals, vertices[faces[:, 0]])
-        return cls(vertices, np.asarray(mesh.face_adjacency_edges)[turn > 1e-12], normals, offsets)
+        # A corner in the middle of an edge makes a triangle without an area, thus without a normal.
+        all_normals = np.asarray(mesh.face_normals)
+        flat = np.linalg.norm(all_normals, axis=-1) == 0
+        real = (turn > 1e-12) | flat[pairs].any(axis=1)
+        normals = all_normals[~flat]
+        offsets = np.einsum("fi,fi->f", normals, vertices[faces[~flat, 0]])
+        return cls(vertices, np.asarray(mesh.face_adjacency_edges)[real], normals, offsets)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -293,7 +297,8 @@ def _in_front(polygons: FloatArray) -> FloatArray:
     clipped[below, 2] = 0.0
     padding = np.repeat(whole[:, :1], clipped.shape[1] - whole.shape[1], axis=1)
     joined = np.concatenate([np.concatenate([whole, padding], axis=1), clipped])
-    return joined[np.linalg.norm(_area_vectors(joined), axis=-1) > 0]
+    real: FloatArray = joined[np.linalg.norm(_area_vectors(joined), axis=-1) > 0]
+    return real
 
 
 def _is_entered(polygons: FloatArray, target_corners: FloatArray, tolerance: float) -> BoolArray:
@@ -304,9 +309,10 @@ def _is_entered(polygons: FloatArray, target_corners: FloatArray, tolerance: flo
     offsets = np.einsum("ni,ni->n", normals, polygons.mean(axis=1))
     sides = polygons - np.roll(polygons, 1, axis=1)
     thin = area <= _THIN * (sides**2).sum(axis=-1).max(axis=1)
-    entered: BoolArray = (normals @ target_corners.T).max(axis=1) - offsets > tolerance
+    entered = (normals @ target_corners.T).max(axis=1) - offsets > tolerance
     # Faces that are not needed do no harm: doubt counts as entered.
-    return entered | thin
+    needed: BoolArray = entered | thin
+    return needed
 
 
 def _area_vectors(polygons: FloatArray) -> FloatArray:
@@ -356,7 +362,8 @@ def is_convex_body(vertices: FloatArray, faces: IntArray) -> bool:
     """
     volume = Solid(vertices, faces).volume_mm3
     used = np.ascontiguousarray(vertices[np.unique(faces)])
-    return volume > 0 and Manifold.hull_points(used).volume() - volume <= _CONVEX * volume
+    # A hull of less volume has lost corners: that of a thin plate does.
+    return volume > 0 and abs(Manifold.hull_points(used).volume() - volume) <= _CONVEX * volume
 
 
 def _solid_piece(

@@ -22,6 +22,7 @@ from planning.scene import Scene
 from planning.solid import Solid
 from planning.target import Target
 from planning.visibility.audit import TOLERANCE, Audit, random_viewpoints
+from planning.visibility.decomposition import decomposition_factors
 from planning.visibility.diagnosis import why_hidden
 from planning.visibility.direct import direct_factors
 from planning.visibility.exact_test import ExactTest
@@ -37,7 +38,10 @@ _DIAGNOSED: Final = 500
 #: Computes a factor for each convex piece of a target within the frame's extent.
 Method = Callable[[Scene, Target, TargetFrame], list[Factor]]
 
-METHODS: Final[dict[str, Method]] = {"direct": direct_factors}
+METHODS: Final[dict[str, Method]] = {
+    "direct": direct_factors,
+    "decomposition": decomposition_factors,
+}
 
 
 def visibility_region(
@@ -60,7 +64,8 @@ def visibility_region(
     workspace
         Where the projection centre may be, in the part's frame: a box, or any closed solid.
     method
-        "direct": shadows of convex pieces are subtracted from the workspace.
+        "direct": shadows of convex pieces are subtracted from the workspace. "decomposition": the
+        paper's algorithm on faces with holes, several times slower.
     audit_points
         How many random viewpoints are compared with the independent exact test.
     seed

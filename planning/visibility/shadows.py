@@ -18,7 +18,7 @@ from manifold3d import Manifold
 from scipy.spatial import ConvexHull
 
 from lenscal.arrays import FloatArray, IntArray
-from planning.boolean import Cutter, from_manifold
+from planning.boolean import Cutter, from_manifold, trimmed
 from planning.visibility.convex import ConvexPiece, ConvexPieces
 from planning.visibility.perspective import Perspective
 
@@ -164,7 +164,7 @@ class Shadows:
             on_plane = (planes[:, 2] > 1 - 1e-12) & (np.abs(planes[:, 3]) <= self.tolerance)
             planes = planes[~on_plane]
         for *normal, offset in planes:
-            solid = solid.trim_by_plane(normal, offset - inflation)
+            solid = trimmed(solid, normal, offset - inflation)
         return self.perspective.image(solid)
 
 
