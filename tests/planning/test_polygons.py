@@ -38,7 +38,7 @@ def test_faceted_sphere_keeps_its_triangles() -> None:
 def test_cut_at_the_plane_keeps_the_edge() -> None:
     upright = np.array([[0.0, 0, -1], [2, 0, -1], [2, 0, 1], [0, 0, 1]])
     above = np.array([0.0, 0, 1])
-    batch = np.stack([upright, upright - [0, 0, 2], upright + [0, 0, 1]])
+    batch = np.stack([upright, upright - 2 * above, upright + above])
     cut, kept = clip_polygons(batch, above)
     np.testing.assert_array_equal(kept, [0, 2])
     assert cut.shape == (2, 5, 3)
