@@ -297,8 +297,8 @@ def _in_front(polygons: FloatArray) -> FloatArray:
     clipped[below, 2] = 0.0
     padding = np.repeat(whole[:, :1], clipped.shape[1] - whole.shape[1], axis=1)
     joined = np.concatenate([np.concatenate([whole, padding], axis=1), clipped])
-    real: FloatArray = joined[np.linalg.norm(_area_vectors(joined), axis=-1) > 0]
-    return real
+    kept: FloatArray = joined[np.linalg.norm(_area_vectors(joined), axis=-1) > 0]
+    return kept
 
 
 def _is_entered(polygons: FloatArray, target_corners: FloatArray, tolerance: float) -> BoolArray:
@@ -309,10 +309,9 @@ def _is_entered(polygons: FloatArray, target_corners: FloatArray, tolerance: flo
     offsets = np.einsum("ni,ni->n", normals, polygons.mean(axis=1))
     sides = polygons - np.roll(polygons, 1, axis=1)
     thin = area <= _THIN * (sides**2).sum(axis=-1).max(axis=1)
-    entered = (normals @ target_corners.T).max(axis=1) - offsets > tolerance
     # Faces that are not needed do no harm: doubt counts as entered.
-    needed: BoolArray = entered | thin
-    return needed
+    entered: BoolArray = thin | ((normals @ target_corners.T).max(axis=1) - offsets > tolerance)
+    return entered
 
 
 def _area_vectors(polygons: FloatArray) -> FloatArray:

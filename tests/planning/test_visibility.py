@@ -285,12 +285,19 @@ def test_covered_target_and_unknown_method_are_refused(bench) -> None:
         visibility_region(bench.scene(bench.block), bench.target, bench.workspace, method="magic")
 
 
-def test_books_that_do_not_balance_are_noticed(bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_books_that_do_not_balance_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     """A boolean operation that loses volume is repeated, and refused when that does not help."""
-    wall = bench.box((-5, 5, -5), (5, 6, 10))
+    cube = manifold3d.Manifold.cube([1, 1, 1])
+    tried = []
+
+    def cutter(inflation: float) -> manifold3d.Manifold:
+        tried.append(inflation)
+        return cube.translate([0.5, 0, 0])
+
     monkeypatch.setattr(boolean, "BALANCE_TOLERANCE", -1.0)
     with pytest.raises(GeometryError, match="fail to add up by .* simplify the part"):
-        visibility_region(bench.scene(wall), bench.target, bench.workspace, audit_points=0)
+        boolean.subtract(cube, [cutter])
+    assert tried == [0, 1e-9, 1e-8, 1e-7]
 
 
 def test_larger_cutters_repair_a_step(bench) -> None:
@@ -331,7 +338,8 @@ def test_known_defect_of_the_library_is_caught_and_repaired(reference_data) -> N
     solids = []
     for name in "VU":
         data = np.load(reference_data / "manifold3d-defect" / f"manifold_defect_{name}.npz")
-        solids.append(boolean.to_manifold(name, data["v"], data["f"]))
+        mesh = manifold3d.Mesh64(data["v"], data["f"].astype(np.uint64))
+        solids.append(manifold3d.Manifold(mesh))
     whole, cutter = solids
     wrong, imbalance, repairs = boolean.subtract(whole, [lambda _: cutter], guarded=False)
     assert imbalance == pytest.approx(50.226, abs=1e-3)
@@ -341,6 +349,16 @@ def test_known_defect_of_the_library_is_caught_and_repaired(reference_data) -> N
     assert imbalance <= 1e-9 * whole.volume()
     assert right.volume() == pytest.approx(wrong.volume() + 50.226, abs=1e-3)
     assert right.volume() == pytest.approx(whole.volume(), rel=1e-9)
+    # An audit finds it too: random points where volume was lost, all of them in V and not in U.
+    low, high = np.reshape((right - wrong).bounding_box(), (2, 3))
+    points = np.random.default_rng(0).uniform(low, high, (1000, 3))
+    members = {
+        name: Solid(*boolean.from_manifold(solid)).contains(points)
+        for name, solid in (("V", whole), ("U", cutter), ("wrong", wrong), ("right", right))
+    }
+    wanted = members["V"] & ~members["U"]
+    assert (members["right"] == wanted).all()
+    assert (members["wrong"] != wanted).any()
 
 
 def test_slivers_are_dropped() -> None:
