@@ -132,14 +132,14 @@ class PenalisedProblem:
             bends.append(
                 [np.repeat(zoom_bend, len(focus_bend)), np.tile(focus_bend, len(zoom_bend))]
             )
-        return np.array(bases), np.moveaxis(bends, 0, -1)
+        return np.array(bases), np.moveaxis(np.array(bends), 0, -1)
 
     @cached_property
     def _equations(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(Q, N, K) designs, (K·Q, K·Q) information and (K·Q,) right side of the data."""
         designs = np.asarray(self.places @ self._bases[0])
         count, _, size = designs.shape
-        information = np.empty((size, count, size, count))
+        information = np.zeros((size, count, size, count))
         for q in range(count):
             for r in range(q + 1):
                 block = designs[q].T @ (self.weights[:, q, r, None] * designs[r])
@@ -162,8 +162,8 @@ class PenalisedProblem:
     @property
     def bendable(self) -> tuple[bool, bool]:
         """Whether there is roughness along zoom and along focus."""
-        zoom, focus = self._bases[1].any(axis=(1, 2))
-        return bool(zoom), bool(focus)
+        zoom, focus = self._bases[1]
+        return bool(zoom.any()), bool(focus.any())
 
     @cached_property
     def _scaled_bends(self) -> FloatArray:

@@ -19,6 +19,7 @@ from lenscal.maps.penalised import PenalisedProblem, most_likely
 from lenscal.maps.spline_axis import SplineAxis
 from lenscal.maps.tensor_pieces import covariance_pieces, evaluate, surface_pieces
 
+
 @dataclass(frozen=True, eq=False)
 class Surfaces:
     """Q surfaces over (zoom, focus) with the covariance of their coefficients.
