@@ -32,9 +32,10 @@ if TYPE_CHECKING:
     from lenscal.calibration.table import CalibrationTable
 
 _NEEDED: Final = ("zoom", "focus", "magnification", "object_distance_mm")
-#: (ln d/D, ln D, ln standoff) of (ln d/D, ln D/standoff, ln standoff), which are the splines
-#: where D and the standoff bend alike: the standoff is known so much better.
-_MIXING: Final = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
+#: What ln D is of ln d/D, of ln standoff, and of the spline that stands for it: D itself; d, where
+#: d/D and D bend alike and d does not; D / standoff, where D and the standoff bend alike. The
+#: others are known so much better than D that what is known of them helps it.
+_OF_DISTANCE: Final = ((0.0, 0.0), (-1.0, 0.0), (0.0, 1.0))
 _POSITIVE: Final = ("magnification", "object_distance_mm", "standoff_mm")
 
 
@@ -144,21 +145,23 @@ def _coordinates(
     powers, roughening, criteria = tame_coordinates(
         zoom, focus, logarithms, covariances, estimate_noise=unknown
     )
-    if count < 3:
-        return powers, np.eye(count), roughening
-    ratio, spread, _ = unmix(logarithms, covariances, _MIXING)
-    power, growth, criterion = tame_coordinates(
-        zoom,
-        focus,
-        ratio[:, 1:2],
-        spread[:, 1:2, 1:2],
-        estimate_noise=unknown,
-        roughening_free=len(zoom) >= ENOUGH_TO_TELL,
-    )
-    if criterion[0] >= criteria[1]:
-        return powers, np.eye(count), roughening
-    powers[1], roughening[1] = power[0], growth[0]
-    return powers, _MIXING, roughening
+    chosen, least = np.eye(count), float(criteria[1])
+    for by_ratio, by_standoff in _OF_DISTANCE[1 : None if count == 3 else 2]:
+        mixing = np.eye(count)
+        mixing[1, [0, -1]] = by_ratio, by_standoff if count == 3 else 1.0
+        values, spread, _ = unmix(logarithms, covariances, mixing)
+        power, growth, criterion = tame_coordinates(
+            zoom,
+            focus,
+            values[:, 1:2],
+            spread[:, 1:2, 1:2],
+            estimate_noise=unknown,
+            roughening_free=len(zoom) >= ENOUGH_TO_TELL,
+        )
+        if criterion[0] < least:
+            chosen, least = mixing, float(criterion[0])
+            powers[1], roughening[1] = power[0], growth[0]
+    return powers, chosen, roughening
 
 
 def _pupil(
