@@ -333,18 +333,15 @@ def most_likely(
         across = (np.array(ahead) - value) / _ROUGHENING_STEP + 2 * growth / _ROUGHENING_SIGMA
         return value + float(growth @ growth), np.concatenate([along, across])
 
-    growth = problem.roughening.ravel()[bendable] if roughening_free else np.zeros(0)
     bounds = [_SMOOTHING_RANGE] * size
-    bounds += [(-_MOST_ROUGHENING, _MOST_ROUGHENING)] * len(growth)
+    starts = [np.full(size, start) for start in _SMOOTHING_STARTS]
+    if roughening_free:
+        # Equal roughness is quickly found, and a good place to begin.
+        _, equal = most_likely(problem, estimate_noise, roughening_free=False)
+        starts = [np.concatenate([part.ravel()[bendable] for part in (equal, problem.roughening)])]
+        bounds += [(-_MOST_ROUGHENING, _MOST_ROUGHENING)] * size
     fits = [
-        minimize(
-            badness,
-            np.concatenate([np.full(size, start), growth]),
-            jac=True,
-            method="L-BFGS-B",
-            bounds=bounds,
-        )
-        for start in _SMOOTHING_STARTS
+        minimize(badness, start, jac=True, method="L-BFGS-B", bounds=bounds) for start in starts
     ]
     best = np.asarray(min(fits, key=lambda fit: float(fit.fun)).x)
     return at(best), full(best[:size])
