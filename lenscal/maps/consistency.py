@@ -10,7 +10,7 @@ import pandas as pd
 from scipy import stats
 from scipy.spatial import ConvexHull, QhullError
 
-from lenscal.arrays import BoolArray, FloatArray
+from lenscal.arrays import BoolArray, FloatArray, IntArray
 from lenscal.maps.kriging import coordinates, leave_one_out
 from lenscal.maps.tame_samples import TameQuantity, checked_settings, derived, tame_quantities
 
@@ -25,8 +25,11 @@ _MOST_SUSPECTS: Final = (0.15, 10)
 _NOTHING_SUSPICIOUS: Final = 3.5
 #: A quantity of a bad setting that is off by more than this is set aside with it.
 _DOUBTFUL: Final = 2.0
-#: By how much further the end of a curve may be off, where a lens may turn as it likes.
+#: By how much further the end of a curve, or the border of a strip, may be off: a lens may turn
+#: there as it likes.
 _END: Final = 2.0
+#: Quantities that change by a factor across a strip, as the sharp plane goes to infinity.
+_TO_INFINITY: Final = ("magnification", "object_distance_mm", "standoff_mm")
 #: Settings of a motor closer than this share of its range are one.
 _SAME_SETTING: Final = 1e-3
 #: Relative differences up to this are the rounding of a table.
@@ -208,7 +211,10 @@ class _Comparison:
         if np.isfinite(found.sigmas).all():
             # Where the lens is less smooth than a surface can be, that counts as scatter too.
             scatter = float(np.median(np.abs(found.sigmas))) / _NORMAL_MEDIAN
-            ends = np.where(_lonely_ends(self.points[rows]), _END, 1.0)
+            alone = _lonely_ends(self.points[rows])
+            if quantity.name in _TO_INFINITY:
+                alone |= _borders_of_strip(self.planes, rows)
+            ends = np.where(alone, _END, 1.0)
             sigmas[rows] = found.sigmas / (max(1.0, scatter) * ends)
             expected[rows] = found.value
         return _Told(sigmas, expected)
@@ -230,6 +236,20 @@ def _lonely_ends(points: FloatArray) -> BoolArray:
         beside = np.abs(np.delete(scaled, row, axis=0) - scaled[row]).min() <= _SAME_SETTING
         ends[row] = not beside
     return ends
+
+
+def _borders_of_strip(planes: list[FloatArray], rows: IntArray) -> BoolArray:
+    """Tell which settings are the first or last of their zoom, or of a first or last zoom.
+
+    On a grid other settings share their motors; on a strip they are told by extrapolation, along
+    the motor that takes the lens to infinity.
+    """
+    if len(planes) < 2:
+        return np.zeros(len(rows), dtype=bool)
+    place = planes[-1][rows]
+    low, high = place.min(axis=0), place.max(axis=0)
+    near = _SAME_SETTING * (high - low)
+    return np.asarray(((place <= low + near) | (place >= high - near)).any(axis=1))
 
 
 def _contradictions(samples: pd.DataFrame) -> list[TameQuantity]:

@@ -19,7 +19,12 @@ from lenscal.maps.pupil_fit import PUPIL_COLUMNS, fit_pupil_of_table
 from lenscal.maps.quantities import CAMERA_QUANTITIES
 from lenscal.maps.strip import Strip
 from lenscal.maps.surface import Surfaces
-from lenscal.maps.tame_surfaces import fit_tame_surfaces, tame_powers, unmix
+from lenscal.maps.tame_surfaces import (
+    ENOUGH_TO_TELL,
+    fit_tame_surfaces,
+    tame_coordinates,
+    unmix,
+)
 from lenscal.sensor import Sensor
 from lenscal.setting import LensSetting
 
@@ -27,11 +32,10 @@ if TYPE_CHECKING:
     from lenscal.calibration.table import CalibrationTable
 
 _NEEDED: Final = ("zoom", "focus", "magnification", "object_distance_mm")
-#: (ln d/D, ln D, ln standoff) of (ln d/D, ln D/standoff, ln standoff), which are the splines
-#: where D and the standoff bend alike: the standoff is known so much better.
-_MIXING: Final = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
-#: Samples on a grid from which the data choose the coordinate: its trend takes three of them.
-_ENOUGH_TO_TELL: Final = 36
+#: What ln D is of ln d/D, of ln standoff, and of the spline that stands for it: D itself; d, where
+#: d/D and D bend alike and d does not; D / standoff, where D and the standoff bend alike. The
+#: others are known so much better than D that what is known of them helps it.
+_OF_DISTANCE: Final = ((0.0, 0.0), (-1.0, 0.0), (0.0, 1.0))
 _POSITIVE: Final = ("magnification", "object_distance_mm", "standoff_mm")
 
 
@@ -56,8 +60,8 @@ def fit_lens_map(
     sensor, reference_setting
         What the table does not carry itself.
     log_smoothing
-        A smoothing that was chosen before, by name of the surface, and under ``core_powers`` and
-        ``core_mixing`` the coordinates; None to let the data choose.
+        A smoothing that was chosen before, by name of the surface, and under ``core_powers``,
+        ``core_mixing`` and ``core_roughening`` the coordinates; None to let the data choose.
     pupil_samples
         Further samples of the entrance pupil, such as the rows of a session whose autofocus was
         made at another iris: zoom, focus, image_distance_mm, pupil_iris,
@@ -87,9 +91,11 @@ def fit_lens_map(
     if covariances is None:
         covariances = np.tile(np.eye(len(names)), (len(zoom), 1, 1))
     logarithms = np.log(samples[list(names)].to_numpy(float))
-    powers, mixing = (chosen.get(key) for key in ("core_powers", "core_mixing"))
+    powers, mixing, roughening = (
+        chosen.get(f"core_{key}") for key in ("powers", "mixing", "roughening")
+    )
     if powers is None:
-        powers, mixing = _coordinates(zoom, focus, logarithms, covariances, unknown)
+        powers, mixing, roughening = _coordinates(zoom, focus, logarithms, covariances, unknown)
     core = fit_tame_surfaces(
         zoom,
         focus,
@@ -99,6 +105,7 @@ def fit_lens_map(
         log_smoothing=chosen.get("core"),
         powers=powers,
         mixing=mixing,
+        roughening=roughening,
     )
     camera_surfaces = {
         name: _single_surface(samples, name, chosen.get(name))
@@ -125,27 +132,36 @@ def _coordinates(
     logarithms: FloatArray,
     covariances: FloatArray,
     unknown: bool,
-) -> tuple[FloatArray, FloatArray]:
-    """Powers and mixing in which the data are most likely.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Powers, mixing and roughening with which the data are most likely.
 
     Logarithms will do for a few samples on a grid, which could not tell; a strip runs into
     distances where they fall off a cliff. D given the standoff is as likely as D / standoff given
     it: whether the splines are of the one or of the other is decided by their likelihoods.
     """
     count = logarithms.shape[1]
-    if len(zoom) < _ENOUGH_TO_TELL and Strip.through(zoom, focus).ends is None:
-        return np.zeros(count), np.eye(count)
-    powers, criteria = tame_powers(zoom, focus, logarithms, covariances, estimate_noise=unknown)
-    if count < 3:
-        return powers, np.eye(count)
-    ratio, spread, _ = unmix(logarithms, covariances, _MIXING)
-    power, criterion = tame_powers(
-        zoom, focus, ratio[:, 1:2], spread[:, 1:2, 1:2], estimate_noise=unknown
+    if len(zoom) < ENOUGH_TO_TELL and Strip.through(zoom, focus).ends is None:
+        return np.zeros(count), np.eye(count), np.zeros((count, 2))
+    powers, roughening, criteria = tame_coordinates(
+        zoom, focus, logarithms, covariances, estimate_noise=unknown
     )
-    if criterion[0] >= criteria[1]:
-        return powers, np.eye(count)
-    powers[1] = power[0]
-    return powers, _MIXING
+    chosen, least = np.eye(count), float(criteria[1])
+    for by_ratio, by_standoff in _OF_DISTANCE[1 : None if count == 3 else 2]:
+        mixing = np.eye(count)
+        mixing[1, [0, -1]] = by_ratio, by_standoff if count == 3 else 1.0
+        values, spread, _ = unmix(logarithms, covariances, mixing)
+        power, growth, criterion = tame_coordinates(
+            zoom,
+            focus,
+            values[:, 1:2],
+            spread[:, 1:2, 1:2],
+            estimate_noise=unknown,
+            roughening_free=len(zoom) >= ENOUGH_TO_TELL,
+        )
+        if criterion[0] < least:
+            chosen, least = mixing, float(criterion[0])
+            powers[1], roughening[1] = power[0], growth[0]
+    return powers, chosen, roughening
 
 
 def _pupil(

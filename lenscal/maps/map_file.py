@@ -64,6 +64,7 @@ def to_json(lens_map: LensMap) -> Json:
         "core_coordinates": {
             "powers": lens_map.core.powers.tolist(),
             "mixing": lens_map.core.mixing.tolist(),
+            "roughening": lens_map.core.roughening.tolist(),
         },
         "irises": lens_map.pupil and _irises(lens_map.pupil),
         "samples": _columns(lens_map.samples),

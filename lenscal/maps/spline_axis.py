@@ -148,8 +148,14 @@ class SplineAxis:
             np.clip(place, 0.0, 1.0, out=place)
         return interval, place
 
-    def roughness(self) -> tuple[FloatArray, FloatArray]:
+    def roughness(self, roughening: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Diagonalise the integral of the squared derivative that is penalised.
+
+        Parameters
+        ----------
+        roughening
+            By how much the logarithm of the derivative that is to be expected grows from one end
+            of the axis to the other: where more is expected, the same costs less.
 
         Returns
         -------
@@ -161,19 +167,28 @@ class SplineAxis:
         order = self.penalised_derivative
         if self.degree < order:
             return np.eye(self.size), np.zeros(self.size)
+        half_values, bends, place = self._sampled
+        expected = np.exp(roughening * (place - 0.5))
+        # Singular values keep the small ones apart from the rounding of the large ones.
+        to_unit = np.linalg.inv(np.linalg.cholesky(half_values.T @ half_values)).T
+        _, values, rotation = linalg.svd(bends / expected[:, None] @ to_unit, full_matrices=False)
+        eigenvalues = values[::-1] ** 2
+        eigenvalues[:order] = 0.0
+        return np.asarray(to_unit @ rotation[::-1].T), np.asarray(eigenvalues)
+
+    @cached_property
+    def _sampled(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Basis and its penalised derivative at the nodes of an integral, weighted; the nodes."""
+        order = self.penalised_derivative
         span = self.knots[-1] - self.knots[0]
         nodes, weights = np.polynomial.legendre.leggauss(self.degree + 1)
         breaks = np.unique(self.knots)
         half = np.diff(breaks)[:, None] / 2
         where = (breaks[:-1, None] + half * (nodes + 1)).ravel()
-        weight = (half * weights).ravel() / span
-        values = self.design(where)
+        root = np.sqrt((half * weights).ravel() / span)[:, None]
         splines = BSpline(self.knots, np.eye(self.size), self.degree)
-        bend = span**order * splines.derivative(order)(where)
-        mass = values.T @ (weight[:, None] * values)
-        eigenvalues, basis = linalg.eigh(bend.T @ (weight[:, None] * bend), mass)
-        eigenvalues[:order] = 0.0
-        return basis, eigenvalues
+        bends = span**order * splines.derivative(order)(where)
+        return root * self.design(where), root * bends, (where - self.knots[0]) / span
 
 
 def tensor_design(

@@ -10,22 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg
-from scipy.optimize import minimize
 
 from lenscal.arrays import FloatArray, frozen_array
-from lenscal.errors import MapError
-from lenscal.maps.spline_axis import SplineAxis, tensor_design
+from lenscal.maps.penalised import PenalisedProblem, most_likely
+from lenscal.maps.spline_axis import SplineAxis
 from lenscal.maps.tensor_pieces import covariance_pieces, evaluate, surface_pieces
-
-#: Range of the logarithm of smoothing, about the value at which data and penalty weigh the same.
-_SMOOTHING_RANGE: Final = (-20.0, 15.0)
-#: Where the search for the smoothing starts.
-_SMOOTHING_STARTS: Final = (-12.0, -6.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +38,9 @@ class Surfaces:
         Variance of the data over the stated one; 1 unless it had to be estimated.
     criterion
         Minus twice the restricted log-likelihood, up to a constant.
+    roughening
+        (Q, 2) by how much the logarithm of the roughness that was expected grows along zoom and
+        along focus, from one end to the other; empty for none.
     """
 
     zoom: SplineAxis
@@ -55,12 +50,15 @@ class Surfaces:
     log_smoothing: FloatArray
     noise_scale: float = 1.0
     criterion: float = np.nan
+    roughening: FloatArray = ()  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         shape = (self.zoom.size, self.focus.size, "Q")
         values = frozen_array("coefficients", self.coefficients, shape)
         object.__setattr__(self, "coefficients", values)
-        for name in ("covariance", "log_smoothing"):
+        if not np.size(self.roughening):
+            object.__setattr__(self, "roughening", np.zeros_like(self.log_smoothing))
+        for name in ("covariance", "log_smoothing", "roughening"):
             array = frozen_array(name, getattr(self, name), ("N", "M"))
             object.__setattr__(self, name, array)
 
@@ -159,6 +157,8 @@ def fit_surfaces(
     *,
     estimate_noise: bool = False,
     log_smoothing: npt.ArrayLike | None = None,
+    roughening: npt.ArrayLike | None = None,
+    roughening_free: bool = False,
 ) -> Surfaces:
     """Fit Q surfaces to scattered samples by generalised least squares with a roughness penalty.
 
@@ -174,6 +174,10 @@ def fit_surfaces(
         Whether the covariances are known only up to a common factor, which is then estimated.
     log_smoothing
         (Q, 2) to keep a smoothing that was chosen before; None to let the data choose.
+    roughening
+        (Q, 2) see `Surfaces`; None for the same roughness everywhere.
+    roughening_free
+        Whether the data choose that as well, beginning from what was given.
 
     Returns
     -------
@@ -188,147 +192,24 @@ def fit_surfaces(
     zooms, focuses = (frozen_array(n, v, ("N",)) for n, v in (("zoom", zooms), ("focus", focuses)))
     measured = frozen_array("values", values, (len(zooms), "Q"))
     count = measured.shape[1]
-    problem = _Problem.of(
-        zooms, focuses, measured, frozen_array("covariances", covariances, ("N", count, count))
+    spread = frozen_array("covariances", covariances, (len(zooms), count, count))
+    growth = np.zeros((count, 2)) if roughening is None else roughening
+    problem = PenalisedProblem.of(
+        zooms, focuses, measured, spread, frozen_array("roughening", growth, (count, 2))
     )
     if log_smoothing is None:
-        log_smoothing = problem.most_likely_smoothing(estimate_noise)
+        problem, log_smoothing = most_likely(problem, estimate_noise, roughening_free)
     smoothing = frozen_array("log_smoothing", log_smoothing, (count, 2))
-    factor, solution, misfit = problem.solve(smoothing)
-    scale = misfit / problem.degrees_of_freedom if estimate_noise else 1.0
-    half = linalg.solve_triangular(factor, np.eye(len(factor)), lower=True)
-    to_splines = np.kron(problem.basis, np.eye(count))
-    spread = half @ to_splines.T
+    solution = problem.solve(smoothing)
+    scale = solution.misfit / problem.degrees_of_freedom if estimate_noise else 1.0
+    coefficients, covariance = problem.of_splines(solution)
     axes = problem.axes
     return Surfaces(
         *axes,
-        coefficients=(to_splines @ solution).reshape(axes[0].size, axes[1].size, count),
-        covariance=scale * (spread.T @ spread),
+        coefficients=coefficients.reshape(axes[0].size, axes[1].size, count),
+        covariance=scale * covariance,
         log_smoothing=smoothing,
         noise_scale=scale,
-        criterion=problem.criterion(smoothing, estimate_noise),
+        criterion=problem.criterion(smoothing, estimate_noise)[0],
+        roughening=problem.roughening,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """Normal equations in the basis in which the penalty is diagonal."""
-
-    axes: tuple[SplineAxis, SplineAxis]
-    basis: FloatArray  # (K, K) spline coefficients of each diagonal function
-    bends: FloatArray  # (2, K) roughness along zoom and along focus
-    design: FloatArray  # (N, K) of the samples in that basis
-    values: FloatArray  # (N, Q)
-    weights: FloatArray  # (N, Q, Q) inverse covariances
-    information: FloatArray  # (K·Q, K·Q) of the data
-    right: FloatArray  # (K·Q,)
-
-    @classmethod
-    def of(
-        cls, zooms: FloatArray, focuses: FloatArray, values: FloatArray, covariances: FloatArray
-    ) -> _Problem:
-        axes = SplineAxis.through(zooms), SplineAxis.through(focuses)
-        (zoom_basis, zoom_bend), (focus_basis, focus_bend) = (a.roughness() for a in axes)
-        basis = np.asarray(np.kron(zoom_basis, focus_basis), dtype=np.float64)
-        bends = np.stack([np.repeat(zoom_bend, axes[1].size), np.tile(focus_bend, axes[0].size)])
-        free = int((bends == 0).all(axis=0).sum())
-        if len(zooms) < free:
-            raise MapError(
-                f"{len(zooms)} samples cannot determine a surface over zoom and focus; at least "
-                f"{free} are needed, spread over both"
-            )
-        design = tensor_design(*axes, zooms, focuses) @ basis
-        weights = np.asarray(np.linalg.inv(covariances), dtype=np.float64)
-        size, count = design.shape[1], values.shape[1]
-        information = np.einsum("nk,nl,nqr->kqlr", design, design, weights, optimize=True)
-        weighted = np.einsum("nqr,nr->nq", weights, values)
-        return cls(
-            axes=axes,
-            basis=basis,
-            bends=bends,
-            design=design,
-            values=values,
-            weights=weights,
-            information=information.reshape(size * count, size * count),
-            right=(design.T @ weighted).ravel(),
-        )
-
-    @property
-    def samples(self) -> int:
-        """Count of samples N."""
-        return len(self.values)
-
-    @property
-    def count(self) -> int:
-        """Count of surfaces Q."""
-        return int(self.values.shape[1])
-
-    @property
-    def degrees_of_freedom(self) -> int:
-        """Count of data less what no penalty holds."""
-        free = int((self.bends == 0).all(axis=0).sum())
-        return max(1, self.count * (self.samples - free))
-
-    @cached_property
-    def neutral(self) -> FloatArray:
-        """(Q, 2) smoothing at which data and penalty weigh the same."""
-        weight = np.diag(self.information).reshape(-1, self.count).sum(axis=0)
-        total = self.bends.sum(axis=1)
-        bend = np.where(total > 0, total, 1.0)
-        ratio: FloatArray = weight[:, None] / bend
-        return ratio
-
-    def penalty(self, log_smoothing: FloatArray) -> FloatArray:
-        """(K·Q,) diagonal of the penalty."""
-        strength = np.exp(log_smoothing) * self.neutral
-        diagonal: FloatArray = (strength @ self.bends).T.ravel()
-        return diagonal
-
-    def solve(self, log_smoothing: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """Cholesky factor, solution, and the misfit with its penalty."""
-        penalty = self.penalty(log_smoothing)
-        normal = self.information + np.diag(penalty)
-        try:
-            factor = linalg.cholesky(normal, lower=True)
-        except linalg.LinAlgError as error:
-            raise MapError(
-                f"the {self.samples} samples do not determine the surfaces: they lie on a line or "
-                "in too few places; add settings that differ in zoom and in focus"
-            ) from error
-        solution = linalg.cho_solve((factor, True), self.right)
-        residual = self.values - self.design @ solution.reshape(-1, self.count)
-        misfit = np.einsum("nq,nqr,nr->", residual, self.weights, residual)
-        return factor, solution, float(misfit + penalty @ solution**2)
-
-    def criterion(self, log_smoothing: FloatArray, estimate_noise: bool) -> float:
-        """Minus twice the restricted log-likelihood, up to a constant (REML)."""
-        factor, _, misfit = self.solve(log_smoothing)
-        penalty = self.penalty(log_smoothing)
-        complexity = 2 * np.log(np.diag(factor)).sum() - np.log(penalty[penalty > 0]).sum()
-        if estimate_noise:
-            freedom = self.degrees_of_freedom
-            return float(freedom * np.log(max(misfit, 1e-300) / freedom) + complexity)
-        return float(misfit + complexity)
-
-    def most_likely_smoothing(self, estimate_noise: bool) -> FloatArray:
-        """(Q, 2) smoothing that the data make most likely."""
-        # An axis that cannot bend has no smoothing to choose.
-        bendable = np.tile(self.bends.any(axis=1), self.count)
-        if not bendable.any():
-            return np.zeros((self.count, 2))
-
-        def full(free: FloatArray) -> FloatArray:
-            everything = np.zeros(2 * self.count)
-            everything[bendable] = free
-            return everything.reshape(self.count, 2)
-
-        def badness(free: FloatArray) -> float:
-            return self.criterion(full(free), estimate_noise)
-
-        size = int(bendable.sum())
-        bounds = [_SMOOTHING_RANGE] * size
-        fits = [
-            minimize(badness, np.full(size, start), method="L-BFGS-B", bounds=bounds)
-            for start in _SMOOTHING_STARTS
-        ]
-        return full(min(fits, key=lambda fit: float(fit.fun)).x)

@@ -21,6 +21,8 @@ from lenscal.maps.surface import Surfaces, fit_surfaces
 
 #: Powers of a positive quantity that are tried; 0 is the logarithm.
 _POWERS: Final = (0.0, 1.0, -1.0)
+#: Samples from which the data choose how roughness grows, or the power on a grid.
+ENOUGH_TO_TELL: Final = 36
 #: By how much minus twice the log-likelihood must be better to leave the logarithm.
 _WORTH_IT: Final = 4.0
 
@@ -153,6 +155,8 @@ def fit_tame_surfaces(
     log_smoothing: npt.ArrayLike | None = None,
     powers: npt.ArrayLike | None = None,
     mixing: npt.ArrayLike | None = None,
+    roughening: npt.ArrayLike | None = None,
+    roughening_free: bool = False,
 ) -> TameSurfaces:
     """Fit surfaces in the coordinates in which they are tame.
 
@@ -172,6 +176,8 @@ def fit_tame_surfaces(
         (Q,) see `TameSurfaces`; None for 0.
     mixing
         (Q, Q) see `TameSurfaces`; None for the identity.
+    roughening, roughening_free
+        See `lenscal.maps.surface.fit_surfaces`.
 
     Returns
     -------
@@ -195,6 +201,8 @@ def fit_tame_surfaces(
         spread * steepness[:, :, None] * steepness[:, None, :],
         estimate_noise=estimate_noise,
         log_smoothing=log_smoothing,
+        roughening=roughening,
+        roughening_free=roughening_free,
     )
     return TameSurfaces(
         zoom=found.zoom,
@@ -204,6 +212,7 @@ def fit_tame_surfaces(
         log_smoothing=found.log_smoothing,
         noise_scale=found.noise_scale,
         criterion=found.criterion,
+        roughening=found.roughening,
         strip=strip,
         powers=bent,
         trends=trends,
@@ -211,15 +220,16 @@ def fit_tame_surfaces(
     )
 
 
-def tame_powers(
+def tame_coordinates(
     zooms: npt.ArrayLike,
     focuses: npt.ArrayLike,
     logarithms: FloatArray,
     covariances: FloatArray,
     *,
     estimate_noise: bool = False,
-) -> tuple[FloatArray, FloatArray]:
-    """Choose for each quantity the power in which the data are most likely.
+    roughening_free: bool = False,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Choose for each quantity the power, and the roughening, with which the data are most likely.
 
     The derivatives of all coordinates by the logarithm have the geometric mean 1 over the samples,
     since the trend is a fit by least squares, so that their restricted likelihoods compare (Box and
@@ -240,12 +250,14 @@ def tame_powers(
     -------
     powers : FloatArray
         (Q,) 1 or −1 where that is clearly better than 0, the logarithm.
+    roughening : FloatArray
+        (Q, 2) see `lenscal.maps.surface.Surfaces`; 0 where the samples are too few to tell.
     criteria : FloatArray
-        (Q,) minus twice the restricted log-likelihood of each with its power.
+        (Q,) minus twice the restricted log-likelihood of each with these.
     """
-    chosen, criteria = np.zeros((2, logarithms.shape[1]))
-    for i in range(len(chosen)):
-        badness = [
+    chosen = []
+    for i in range(logarithms.shape[1]):
+        tried = [
             fit_tame_surfaces(
                 zooms,
                 focuses,
@@ -253,14 +265,17 @@ def tame_powers(
                 covariances[:, i : i + 1, i : i + 1],
                 estimate_noise=estimate_noise,
                 powers=[power],
-            ).criterion
+                roughening_free=roughening_free,
+            )
             for power in _POWERS
         ]
-        best = int(np.argmin(badness))
-        if badness[best] >= badness[0] - _WORTH_IT:
-            best = 0
-        chosen[i], criteria[i] = _POWERS[best], badness[best]
-    return chosen, criteria
+        best = min(tried, key=lambda surfaces: surfaces.criterion)
+        chosen.append(best if best.criterion < tried[0].criterion - _WORTH_IT else tried[0])
+    return (
+        np.array([surfaces.powers[0] for surfaces in chosen]),
+        np.array([surfaces.roughening[0] for surfaces in chosen]),
+        np.array([surfaces.criterion for surfaces in chosen]),
+    )
 
 
 def _steepness(coordinate: FloatArray, powers: FloatArray) -> FloatArray:

@@ -187,6 +187,7 @@ def _by_map(samples: pd.DataFrame, choose_smoothing: bool) -> _Predict:
         "core": full.core.log_smoothing,
         "core_powers": full.core.powers,
         "core_mixing": full.core.mixing,
+        "core_roughening": full.core.roughening,
     } | {name: surface.log_smoothing for name, surface in full.camera_surfaces.items()}
     measured, own = _measured(stated, full)
 

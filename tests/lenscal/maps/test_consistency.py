@@ -7,7 +7,8 @@ import pytest
 from lenscal import check_consistency
 from lenscal.calibration.table import CalibrationTable
 from lenscal.errors import InputError, MapError
-from lenscal.maps.kriging import leave_one_out
+from lenscal.maps.consistency import _borders_of_strip
+from lenscal.maps.kriging import coordinates, leave_one_out
 from lenscal.rig.simulated.machine_vision import TRAVEL, machine_vision_lens
 from lenscal.setting import LensSetting
 
@@ -91,6 +92,17 @@ def test_a_setting_spoilt_by_three_per_cent_is_named_and_no_other(row, columns):
 @pytest.mark.parametrize("row", [0, 4, 7, 12, 17])
 def test_on_a_curved_strip_too(strip, row):
     assert flagged(spoil(measured(strip, np.random.default_rng(3)), row)) == [row]
+
+
+def test_borders_of_a_strip_may_be_off_by_more():
+    """What others tell by extrapolation is doubtful; on a grid, others share the motors."""
+    points = np.stack([np.repeat(np.arange(4.0), 4), np.tile(np.arange(4.0), 4)], axis=-1)
+    rows = np.arange(16)
+    assert not _borders_of_strip(coordinates(points), rows).any()
+    points[:, 1] += np.repeat([0.0, 1.5, 0.5, 2.0], 4)
+    border = _borders_of_strip(coordinates(points), rows).reshape(4, 4)
+    assert not border[1:-1, 1:-1].any()
+    assert border.sum() == 12
 
 
 def test_two_bad_settings_do_not_hide_each_other(lens):

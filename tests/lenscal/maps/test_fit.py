@@ -4,6 +4,9 @@ import pytest
 
 from lenscal.errors import InputError, MapError
 from lenscal.maps.fit import fit_lens_map
+from lenscal.maps.lens_map import LensMap
+from lenscal.rig.simulated.machine_vision import TRAVEL, machine_vision_lens
+from lenscal.setting import LensSetting
 
 
 def dense(low=(90, 60), high=(110, 140)):
@@ -129,3 +132,60 @@ def test_too_few_samples_are_refused(lens):
     diagonal = np.linspace(0, 1, 5)
     with pytest.raises(MapError, match="they lie on a line or in too few places"):
         fit_lens_map(lens.sample(90 + 20 * diagonal, 60 + 80 * diagonal))
+
+
+def _strip_of_a_lens_that_is_not_parfocal():
+    lens, rows = machine_vision_lens(), []
+    # Ends that differ in D: else D would be told by the strip itself.
+    for zoom, far_mm in zip(np.linspace(*TRAVEL.zoom, 5), (1500, 700, 1100, 600, 900), strict=True):
+        low, high = lens.focus_range(zoom, 300.0, far_mm)
+        for focus in np.linspace(low, high, 5):
+            truth = lens.truth(LensSetting(zoom, focus, 75.0))
+            rows.append((zoom, focus, truth.magnification, truth.object_distance_mm))
+    return pd.DataFrame(rows, columns=["zoom", "focus", "magnification", "object_distance_mm"])
+
+
+def test_a_setting_that_knows_only_its_ratio_learns_its_distance_from_its_neighbours():
+    """Along a strip D changes fourfold but d hardly does; the map finds out which is the spline."""
+    truth = _strip_of_a_lens_that_is_not_parfocal()
+    rng = np.random.default_rng(0)
+    relative = np.full(len(truth), 1e-3)
+    ends = [0, 24]
+    relative[ends] = 1.0
+    table = truth.assign(
+        magnification=truth["magnification"] * np.exp(1e-4 * rng.normal(size=len(truth))),
+        object_distance_mm=truth["object_distance_mm"]
+        * np.exp(np.minimum(relative, 0.3) * rng.normal(size=len(truth))),
+        sigma_magnification=1e-4 * truth["magnification"],
+        sigma_object_distance_mm=relative * truth["object_distance_mm"],
+        cov_magnification_object_distance_mm=0.0,
+        sigma_sharpest_mm=0.02,
+    )
+    found = fit_lens_map(table)
+    np.testing.assert_array_equal(found.core.mixing, [[1, 0], [-1, 1]])
+    at = truth.iloc[ends]
+    distance = found.object_distance_mm(at["zoom"], at["focus"])
+    assert np.abs(distance / at["object_distance_mm"] - 1).max() < 0.02
+    # The smoothing alone does not do it: D as its own spline must be told by extrapolation.
+    apart = fit_lens_map(
+        table, log_smoothing={"core_powers": np.zeros(2), "core_mixing": np.eye(2)}
+    )
+    guess = apart.object_distance_mm(at["zoom"], at["focus"])
+    assert np.abs(guess / at["object_distance_mm"] - 1).max() > 0.03
+
+
+def test_how_roughness_grows_is_kept_in_the_file(tmp_path, lens):
+    zoom, focus = (a.ravel() for a in np.meshgrid(np.linspace(90, 110, 6), np.linspace(60, 140, 6)))
+    fitted = fit_lens_map(lens.sample(zoom, focus, np.random.default_rng(5)))
+    growth = fitted.core.roughening + np.array([[0.0, 0.0], [1.5, -0.5], [0.0, 0.0]])
+    chosen = {
+        "core_powers": fitted.core.powers,
+        "core_mixing": fitted.core.mixing,
+        "core_roughening": growth,
+    }
+    bent = fit_lens_map(fitted.samples, log_smoothing=chosen)
+    again = LensMap.load(bent.save(tmp_path / "map.json"))
+    np.testing.assert_array_equal(again.core.roughening, growth)
+    np.testing.assert_allclose(
+        again.object_distance_mm(*dense()), bent.object_distance_mm(*dense()), rtol=1e-9
+    )

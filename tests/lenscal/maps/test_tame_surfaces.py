@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lenscal.maps.strip import Strip
-from lenscal.maps.tame_surfaces import fit_tame_surfaces, tame_powers
+from lenscal.maps.tame_surfaces import fit_tame_surfaces, tame_coordinates
 
 
 def _band(zoom):
@@ -56,7 +56,7 @@ def test_the_data_choose_the_reciprocal_of_what_runs_to_infinity(settings):
     zoom, focus = settings
     rng = np.random.default_rng(0)
     noisy = np.log(_inverse(zoom, focus)) + 1e-3 * rng.standard_normal(len(zoom))
-    powers, _ = tame_powers(zoom, focus, noisy[:, None], np.full((len(zoom), 1, 1), 1e-6))
+    powers, _, _ = tame_coordinates(zoom, focus, noisy[:, None], np.full((len(zoom), 1, 1), 1e-6))
     assert powers[0] == -1.0
 
 
