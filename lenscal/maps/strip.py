@@ -9,12 +9,15 @@ Counted across the strip, every zoom is sampled from 0 to 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from lenscal.arrays import FloatArray
+from lenscal.maps.spline_axis import SplineAxis
+from lenscal.maps.tensor_pieces import axis_pieces, evaluate_along
 
 #: Zoom settings closer than this share of their range are one, read back with a little noise.
 _SAME_ZOOM: Final = 1e-3
@@ -85,9 +88,8 @@ class Strip:
         """
         if self.ends is None:
             return focus
-        low, high = np.moveaxis(self.ends(zoom), -1, 0)
-        share: FloatArray = np.clip((focus - low) / (high - low), -BEYOND, 1 + BEYOND)
-        return share
+        low, width = self._ends_at(zoom)
+        return np.asarray(np.clip((focus - low) / width, -BEYOND, 1 + BEYOND))
 
     def slopes(self, zoom: FloatArray, focus: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Differentiate the coordinate with respect to zoom and focus.
@@ -104,7 +106,24 @@ class Strip:
         """
         if self.ends is None:
             return np.zeros(zoom.shape), np.ones(zoom.shape)
-        low, high = np.moveaxis(self.ends(zoom), -1, 0)
-        low_slope, high_slope = np.moveaxis(self.ends(zoom, nu=1), -1, 0)
-        share = (focus - low) / (high - low)
-        return -(low_slope + share * (high_slope - low_slope)) / (high - low), 1 / (high - low)
+        low, width = self._ends_at(zoom)
+        low_slope, width_slope = self._ends_at(zoom, derivative=1)
+        share = (focus - low) / width
+        return -(low_slope + share * width_slope) / width, 1 / width
+
+    def _ends_at(self, zoom: FloatArray, derivative: int = 0) -> FloatArray:
+        """(2, ...) low end and width of the band at (...) zooms, or their slopes."""
+        axis, pieces = self._pieces
+        found = evaluate_along(axis, pieces[derivative], np.ravel(zoom))
+        return found.reshape(2, *np.shape(zoom))
+
+    @cached_property
+    def _pieces(self) -> tuple[SplineAxis, tuple[FloatArray, FloatArray]]:
+        """Low end and width of the band, and their slopes, as polynomials between knots."""
+        if self.ends is None:
+            raise TypeError("focus itself is the coordinate, without a band")
+        low, high = self.ends.c.T
+        axis = SplineAxis(self.ends.t, self.ends.k)
+        coefficients = np.stack([low, high - low], axis=-1)
+        first, second = (axis_pieces(axis, coefficients, order) for order in (0, 1))
+        return axis, (first, second)
