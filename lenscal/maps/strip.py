@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -86,9 +86,10 @@ class Strip:
         FloatArray
             (...) 0 at the low and 1 at the high end; focus itself where that is the coordinate.
         """
-        if self.ends is None:
+        band = self._band
+        if band is None:
             return focus
-        low, width = self._ends_at(zoom)
+        low, width = band.at(zoom, band.values)
         return np.asarray(np.clip((focus - low) / width, -BEYOND, 1 + BEYOND))
 
     def slopes(self, zoom: FloatArray, focus: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -104,26 +105,32 @@ class Strip:
         along_zoom, along_focus : FloatArray
             (...) each.
         """
-        if self.ends is None:
+        band = self._band
+        if band is None:
             return np.zeros(zoom.shape), np.ones(zoom.shape)
-        low, width = self._ends_at(zoom)
-        low_slope, width_slope = self._ends_at(zoom, derivative=1)
+        low, width = band.at(zoom, band.values)
+        low_slope, width_slope = band.at(zoom, band.slopes)
         share = (focus - low) / width
         return -(low_slope + share * width_slope) / width, 1 / width
 
-    def _ends_at(self, zoom: FloatArray, derivative: int = 0) -> FloatArray:
-        """(2, ...) low end and width of the band at (...) zooms, or their slopes."""
-        axis, pieces = self._pieces
-        found = evaluate_along(axis, pieces[derivative], np.ravel(zoom))
-        return found.reshape(2, *np.shape(zoom))
-
     @cached_property
-    def _pieces(self) -> tuple[SplineAxis, tuple[FloatArray, FloatArray]]:
-        """Low end and width of the band, and their slopes, as polynomials between knots."""
+    def _band(self) -> _Band | None:
         if self.ends is None:
-            raise TypeError("focus itself is the coordinate, without a band")
+            return None
         low, high = self.ends.c.T
         axis = SplineAxis(self.ends.t, self.ends.k)
         coefficients = np.stack([low, high - low], axis=-1)
-        first, second = (axis_pieces(axis, coefficients, order) for order in (0, 1))
-        return axis, (first, second)
+        return _Band(axis, *(axis_pieces(axis, coefficients, order) for order in (0, 1)))
+
+
+class _Band(NamedTuple):
+    """Low end and width of the band over the zoom, as polynomials between knots."""
+
+    axis: SplineAxis
+    values: FloatArray  # (2, P, M) coefficients
+    slopes: FloatArray  # (2, P − 1, M)
+
+    def at(self, zoom: FloatArray, pieces: FloatArray) -> FloatArray:
+        """(2, ...) low end and width, or their slopes, at (...) zooms."""
+        found = evaluate_along(self.axis, pieces, np.ravel(zoom))
+        return found.reshape(2, *np.shape(zoom))
