@@ -6,9 +6,10 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# Property tests try the same examples everywhere, so that a failure can be repeated by anyone. Look
-# for new ones with `pytest --hypothesis-profile default --hypothesis-seed 7`.
-settings.register_profile("repeatable", derandomize=True)
+# Property tests try the same examples everywhere, so that a failure can be repeated by anyone, and
+# take the time that a busy machine needs. Look for new ones with
+# `pytest --hypothesis-profile default --hypothesis-seed 7`.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
 

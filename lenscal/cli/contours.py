@@ -20,7 +20,10 @@ _FIGURES: Final = (".png", ".pdf", ".svg")
 
 @click.command()
 @click.argument("lens_map", metavar="MAP", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--quantity", default="magnification", show_default=True, help="What to draw.")
+@click.option(
+    "--quantity",
+    help="What to draw.  [default: magnification, or what the map knows first]",
+)
 @click.option("--level", "levels", type=float, multiple=True, help="A level; may be repeated.")
 @click.option(
     "--limit",
@@ -48,7 +51,7 @@ _FIGURES: Final = (".png", ".pdf", ".svg")
 )
 def contours(
     lens_map: Path,
-    quantity: str,
+    quantity: str | None,
     levels: tuple[float, ...],
     limits: tuple[_Level, ...],
     bands: tuple[tuple[str, float, float], ...],
@@ -77,6 +80,7 @@ def contours(
     if bands and not levels:
         raise InputError("--within cuts contours, so it needs at least one --level")
     loaded = LensMap.load(lens_map)
+    quantity = quantity or loaded.quantities[0]
     curves: _Curves = {}
     for level in levels:
         pieces = loaded.contour(quantity, level)

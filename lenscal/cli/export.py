@@ -125,7 +125,10 @@ def _settings(
     zoom, focus = np.meshgrid(*axes)
     inside = lens_map.domain.contains(zoom, focus)
     if not inside.any():
-        raise InputError(f"no setting of a grid {grid} lies in the domain ({lens_map.domain})")
+        raise InputError(
+            f"no setting of a grid {grid} lies in the domain ({lens_map.domain}); "
+            "give more settings, or name them by --zoom and --focus"
+        )
     pairs = zip(zoom[inside].tolist(), focus[inside].tolist(), strict=True)
     return [LensSetting(z, f) for z, f in pairs]
 

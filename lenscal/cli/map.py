@@ -36,8 +36,14 @@ def fit(table: Path, out: Path) -> None:
       lenscal map fit table.csv -o map.json
     """
     from lenscal.calibration.table import CalibrationTable
+    from lenscal.errors import InputError
     from lenscal.maps.fit import fit_lens_map
 
+    if out.resolve() == table.with_suffix(".json").resolve():
+        raise InputError(
+            f"{out} holds the evidence of {table}, which the map would overwrite; "
+            "give the map another name"
+        )
     lens_map = fit_lens_map(CalibrationTable.load(table))
     lens_map.save(out)
     click.echo(f"{len(lens_map.samples)} settings mapped over {lens_map.domain}: {out}")

@@ -66,12 +66,12 @@ def settings_of(lens_map: LensMap, settings: Iterable[LensSetting]) -> list[Expo
     list of ExportedSetting
         One per setting, in their order.
     """
-    offsets = lens_map.has_standoff
+    distances, offsets = lens_map.has_object_distance, lens_map.has_standoff
     return [
         ExportedSetting(
             s,
             lens_map.camera_at(s.zoom, s.focus),
-            float(lens_map.object_distance_mm(s.zoom, s.focus)),
+            float(lens_map.object_distance_mm(s.zoom, s.focus)) if distances else None,
             float(lens_map.nodal_offset_mm(s.zoom, s.focus)) if offsets else None,
         )
         for s in settings

@@ -1,7 +1,7 @@
 """What a foreign file says of a lens: one row per setting, and what the file does not say.
 
 Foreign formats carry our image distance d, which they call focal length, and rarely the object
-distance D. Without D there is no d/D, and a lens map of d/D and D cannot be fitted.
+distance D. Without D there is no d/D, and a lens map tells d and the camera only.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class ImportedTable:
 
     @property
     def has_object_distance(self) -> bool:
-        """Whether D is known at every setting, so that a lens map can be fitted."""
+        """Whether D is known at every setting, so that a map tells more than d and the camera."""
         name = "object_distance_mm"
         return name in self.samples and bool(self.samples[name].notna().all())
 
@@ -175,7 +175,7 @@ def with_magnification(samples: pd.DataFrame) -> pd.DataFrame:
 
 #: What nearly every foreign format lacks.
 NO_OBJECT_DISTANCE = (
-    "the object distance D is not known, and with it not d/D: no lens map of d/D and D can be "
-    "fitted to this; measure D, add it as the column object_distance_mm, and import that as CSV"
+    "the object distance D is not known, and with it not d/D and f: a lens map of this tells d and "
+    "the camera; for more measure D, add the column object_distance_mm, and import that as CSV"
 )
 NO_SIGMA = "no standard deviations are stated: a map would estimate the noise from the scatter"

@@ -130,7 +130,7 @@ def read_samples_csv(path: Path | str, sensor: Sensor | None = None) -> Imported
 
 
 def _covariances(lens_map: LensMap, zoom: FloatArray, focus: FloatArray) -> dict[str, FloatArray]:
-    names = _FITTED if lens_map.has_standoff else _FITTED[:2]
+    names = [name for name in _FITTED if name in lens_map.quantities]
     core = lens_map.core.value(zoom, focus)
     covariance = lens_map.core.covariance_at(zoom, focus)
     weights = {name: from_core(name, core)[1] for name in names}

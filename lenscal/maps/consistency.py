@@ -259,7 +259,7 @@ def _contradictions(samples: pd.DataFrame) -> list[TameQuantity]:
     found = []
     by_name = {quantity.name: quantity for quantity in tame_quantities(samples)}
     for name, values in derived(samples).items():
-        if name not in samples or samples[name].isna().any():
+        if name not in samples or samples[name].isna().any() or np.isnan(values).any():
             continue
         ratio = np.log(samples[name].to_numpy(float) / values)
         if np.ptp(ratio) <= _ROUNDING:

@@ -14,6 +14,8 @@ from lenscal.maps.support import outline_of
 
 #: Share of the sampled range by which a setting may lie outside, to allow for rounding.
 _ROUNDING: Final = 1e-9
+#: Cuts up to which comparing with each is quicker than a search.
+_MANY_CUTS: Final = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +196,10 @@ class _Slabs:
 
     def index(self, zooms: FloatArray) -> IntArray:
         """(...) slab of each zoom; the outermost ones also beyond their ends."""
-        return np.asarray(np.searchsorted(self.cuts[1:-1], zooms, side="right"))
+        inner = self.cuts[1:-1]
+        if len(inner) > _MANY_CUTS:
+            return np.asarray(np.searchsorted(inner, zooms, side="right"))
+        return np.asarray(sum((zooms >= cut for cut in inner), np.zeros(zooms.shape, np.int64)))
 
     def contain(self, zooms: FloatArray, focuses: FloatArray, slab: IntArray) -> BoolArray:
         """(...) whether settings are inside, each seen from the slab given."""

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from lenscal.arrays import FloatArray, frozen_array
 from lenscal.errors import InputError, OutOfDomainError
 from lenscal.maps.domain import Domain
-from lenscal.maps.quantities import CAMERA_QUANTITIES, CORE_SURFACES, from_logarithms
+from lenscal.maps.quantities import CAMERA_QUANTITIES, core_surfaces, from_logarithms
 from lenscal.maps.surface import Surfaces
 
 if TYPE_CHECKING:
@@ -177,4 +177,5 @@ def _surfaces(lens_map: LensMap, quantity: str) -> tuple[Surfaces, tuple[int, ..
     """Surfaces that a quantity is made of, and which of them."""
     if quantity in CAMERA_QUANTITIES:
         return lens_map.camera_surfaces[quantity], (0,)
-    return lens_map.core, CORE_SURFACES[quantity]
+    core = lens_map.core
+    return core, core_surfaces(quantity, core.coefficients.shape[2])

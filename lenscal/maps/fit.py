@@ -16,7 +16,7 @@ from lenscal.maps.domain import Domain
 from lenscal.maps.lens_map import LensMap
 from lenscal.maps.pupil import PupilMap
 from lenscal.maps.pupil_fit import PUPIL_COLUMNS, fit_pupil_of_table
-from lenscal.maps.quantities import CAMERA_QUANTITIES
+from lenscal.maps.quantities import CAMERA_QUANTITIES, CORE, CORE_WITHOUT_DISTANCE
 from lenscal.maps.strip import Strip
 from lenscal.maps.surface import Surfaces
 from lenscal.maps.tame_surfaces import (
@@ -31,12 +31,12 @@ from lenscal.setting import LensSetting
 if TYPE_CHECKING:
     from lenscal.calibration.table import CalibrationTable
 
-_NEEDED: Final = ("zoom", "focus", "magnification", "object_distance_mm")
+_SETTING: Final = ("zoom", "focus")
 #: What ln D is of ln d/D, of ln standoff, and of the spline that stands for it: D itself; d, where
 #: d/D and D bend alike and d does not; D / standoff, where D and the standoff bend alike. The
 #: others are known so much better than D that what is known of them helps it.
 _OF_DISTANCE: Final = ((0.0, 0.0), (-1.0, 0.0), (0.0, 1.0))
-_POSITIVE: Final = ("magnification", "object_distance_mm", "standoff_mm")
+_POSITIVE: Final = (*CORE, *CORE_WITHOUT_DISTANCE)
 
 
 def fit_lens_map(
@@ -56,7 +56,8 @@ def fit_lens_map(
         object_distance_mm; and, as far as they are known, standoff_mm, principal_point_x_px,
         principal_point_y_px, k1_per_mm2, sigma_<quantity>, sigma_sharpest_mm (of the autofocus) and
         cov_magnification_object_distance_mm. An absent covariance counts as zero, an absent σ is
-        estimated from the scatter, and the notes of the map say so.
+        estimated from the scatter, and the notes of the map say so. Where neither d/D nor D is
+        known at any setting, image_distance_mm is enough: the map then tells d and the camera.
     sensor, reference_setting
         What the table does not carry itself.
     log_smoothing
@@ -145,6 +146,8 @@ def _coordinates(
     powers, roughening, criteria = tame_coordinates(
         zoom, focus, logarithms, covariances, estimate_noise=unknown
     )
+    if count == 1:
+        return powers, np.eye(1), roughening
     chosen, least = np.eye(count), float(criteria[1])
     for by_ratio, by_standoff in _OF_DISTANCE[1 : None if count == 3 else 2]:
         mixing = np.eye(count)
@@ -174,9 +177,9 @@ def _pupil(
         ]
         if missing:
             raise InputError(f"pupil_samples lack the columns {', '.join(missing)}; add them")
-        own = samples.assign(
-            image_distance_mm=samples["magnification"] * samples["object_distance_mm"]
-        )
+        own = samples
+        if "magnification" in own:
+            own = own.assign(image_distance_mm=own["magnification"] * own["object_distance_mm"])
         samples = pd.concat([own, further], ignore_index=True)
     try:
         return fit_pupil_of_table(samples, log_smoothing=log_smoothing), []
@@ -185,16 +188,20 @@ def _pupil(
 
 
 def _checked(table: pd.DataFrame) -> pd.DataFrame:
-    missing = [name for name in _NEEDED if name not in table]
-    if missing:
-        raise InputError(
-            f"the table of samples lacks the columns {', '.join(missing)}; it has "
-            f"{', '.join(map(str, table.columns))}"
-        )
     samples = table.reset_index(drop=True)
-    if "standoff_mm" in samples and samples["standoff_mm"].isna().all():
-        samples = samples.drop(columns="standoff_mm")
-    for name in (*_NEEDED, *(n for n in ("standoff_mm",) if n in samples)):
+    # A column without a value says no more than one that is not there.
+    empty = [name for name in _POSITIVE if name in samples and samples[name].isna().all()]
+    samples = samples.drop(columns=empty)
+    missing = [name for name in (*_SETTING, *core_names(samples)) if name not in samples]
+    if missing:
+        wanted = ", ".join(missing)
+        if not {"magnification", "object_distance_mm"} & set(samples):
+            wanted += ", or image_distance_mm, for a map of d alone"
+        raise InputError(
+            f"the table of samples lacks the columns {wanted}; it has "
+            f"{', '.join(map(str, samples.columns))}"
+        )
+    for name in (*_SETTING, *core_names(samples)):
         bad = samples.index[~np.isfinite(samples[name].to_numpy(float))]
         if len(bad):
             raise InputError(
@@ -230,6 +237,42 @@ def _checked(table: pd.DataFrame) -> pd.DataFrame:
     return samples
 
 
+def core_names(samples: pd.DataFrame) -> tuple[str, ...]:
+    """Tell which quantities of a table take a core surface each.
+
+    Parameters
+    ----------
+    samples
+        One row per setting.
+
+    Returns
+    -------
+    tuple of str
+        d alone where neither d/D nor D is known at any setting; else d/D and D, whether they are
+        known or should be, and the standoff where there is one.
+    """
+    stated = {name for name in _POSITIVE if name in samples and samples[name].notna().any()}
+    if not {*CORE[:2]} & stated and {*CORE_WITHOUT_DISTANCE} <= stated:
+        return CORE_WITHOUT_DISTANCE
+    return CORE if "standoff_mm" in stated else CORE[:2]
+
+
+def can_be_mapped(samples: pd.DataFrame) -> bool:
+    """Tell whether a table knows at every setting what a lens map is made of.
+
+    Parameters
+    ----------
+    samples
+        One row per setting.
+
+    Returns
+    -------
+    bool
+        Whether `fit_lens_map` finds what it needs.
+    """
+    return all(name in samples and samples[name].notna().all() for name in core_names(samples))
+
+
 def _core_covariances(
     samples: pd.DataFrame,
 ) -> tuple[tuple[str, ...], FloatArray | None, list[str]]:
@@ -239,17 +282,22 @@ def _core_covariances(
     autofocus stopped beyond the sharpest distance by a share e, D and standoff are too large by as
     much and, since d stays, d/D is too small by it.
     """
-    names = _NEEDED[2:] + (("standoff_mm",) if "standoff_mm" in samples else ())
-    sigmas = [f"sigma_{name}" for name in _NEEDED[2:]]
+    names = core_names(samples)
+    sigmas = [f"sigma_{name}" for name in names[:2]]
     absent = [s for s in sigmas if s not in samples or samples[s].isna().any()]
+    notes = []
+    if names == CORE_WITHOUT_DISTANCE:
+        notes.append("no object_distance_mm in the table: the map tells d, but not d/D, D or f")
     if absent:
         note = f"no {' and '.join(absent)} in the table: the noise was estimated from the scatter"
-        return names, None, [note]
-    notes = []
+        return names, None, [*notes, note]
     values = samples[list(names)].to_numpy(float)
     covariances = np.zeros((len(samples), len(names), len(names)))
     for i, sigma in enumerate(sigmas):
         covariances[:, i, i] = (samples[sigma].to_numpy(float) / values[:, i]) ** 2
+    if names == CORE_WITHOUT_DISTANCE:
+        # Where the autofocus stopped is of no concern to d.
+        return names, covariances, notes
     shared = "cov_magnification_object_distance_mm"
     if shared not in samples:
         notes.append(f"no {shared} in the table: d/D and D were taken as uncorrelated")

@@ -2,7 +2,8 @@
 
 The surfaces live in coordinates in which a lens is tame: ln(d/D), ln D and ln standoff. They are
 fitted together, so that everything derived from them — d = D · (d/D), f by (3a), offset = D −
-standoff — gets its uncertainty with all correlations.
+standoff — gets its uncertainty with all correlations. Of a lens of which only d is known, as from
+most foreign files, ln d is the one surface, and the map says what it cannot tell.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, overload
+from typing import TYPE_CHECKING, Final, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +35,10 @@ if TYPE_CHECKING:
     from lenscal.maps.contours import SettingCurve
     from lenscal.maps.inverse import SettingSolution
 
+#: Quantities that are not known without the object distance, and without robot poses.
+_OF_DISTANCE: Final = ("magnification", "object_distance_mm", "focal_length_mm")
+_OF_ROBOT: Final = ("standoff_mm", "nodal_offset_mm")
+
 
 @dataclass(frozen=True, eq=False)
 class LensMap(PupilQuantities):
@@ -44,7 +49,8 @@ class LensMap(PupilQuantities):
     samples
         The table that the map was fitted to.
     core
-        Surfaces of ln(d/D), ln D and, where the robot is known, ln standoff.
+        Surfaces of ln(d/D), ln D and, where the robot is known, ln standoff; or of ln d alone where
+        the samples carry no object distance.
     camera_surfaces
         One surface each of `CAMERA_QUANTITIES` that were measured.
     domain
@@ -72,6 +78,11 @@ class LensMap(PupilQuantities):
     pupil_samples: pd.DataFrame | None = None
 
     @property
+    def has_object_distance(self) -> bool:
+        """Whether D was known, so that d/D and f can be told, and not d alone."""
+        return bool(self.core.coefficients.shape[2] > 1)
+
+    @property
     def has_standoff(self) -> bool:
         """Whether robot poses were known, so that standoff and nodal offset can be told."""
         return bool(self.core.coefficients.shape[2] == 3)
@@ -79,8 +90,9 @@ class LensMap(PupilQuantities):
     @property
     def quantities(self) -> tuple[str, ...]:
         """Names of the quantities that this map can give."""
-        robot = () if self.has_standoff else ("standoff_mm", "nodal_offset_mm")
-        absent = {*robot, *(set(CAMERA_QUANTITIES) - set(self.camera_surfaces))}
+        robot = () if self.has_standoff else _OF_ROBOT
+        distance = () if self.has_object_distance else _OF_DISTANCE
+        absent = {*robot, *distance, *(set(CAMERA_QUANTITIES) - set(self.camera_surfaces))}
         return tuple(name for name in QUANTITIES if name not in absent)
 
     def value(
@@ -353,7 +365,12 @@ class LensMap(PupilQuantities):
     def _require(self, quantity: str) -> None:
         if quantity in self.quantities:
             return
-        if quantity in ("standoff_mm", "nodal_offset_mm"):
+        if quantity in (*_OF_DISTANCE, *_OF_ROBOT) and not self.has_object_distance:
+            raise MapError(
+                f"this map has no {quantity}: its samples lack the column object_distance_mm; "
+                "measure D at each setting, add the column, and fit the map again"
+            )
+        if quantity in _OF_ROBOT:
             raise MapError(
                 f"this map has no {quantity}: its samples carry no standoff, since no robot poses "
                 "were recorded; record a session with a positioner"

@@ -15,7 +15,7 @@ import numpy as np
 from lenscal.arrays import BoolArray, FloatArray, frozen_array
 from lenscal.errors import InputError
 from lenscal.maps.evaluation import slopes_at, value_at
-from lenscal.maps.quantities import CAMERA_QUANTITIES, CORE_SURFACES, from_logarithms
+from lenscal.maps.quantities import CAMERA_QUANTITIES, from_core
 
 if TYPE_CHECKING:
     from lenscal.maps.lens_map import LensMap
@@ -65,7 +65,7 @@ def all_quantities(lens_map: LensMap, zoom: FloatArray, focus: FloatArray) -> Fl
     columns = [
         lens_map.camera_surfaces[name].value(zoom, focus)[..., 0]
         if name in CAMERA_QUANTITIES
-        else from_logarithms(name, core[..., CORE_SURFACES[name]])[0]
+        else from_core(name, core)[0]
         for name in lens_map.quantities
     ]
     return np.stack(columns, axis=-1)

@@ -16,6 +16,8 @@ from lenscal.sensor import Sensor
 _GRID: Final = 7
 #: Gauss-Newton steps of that; it starts within pixels.
 _STEPS: Final = 3
+#: Where a target stands whose distance does not matter.
+_SOMEWHERE_MM: Final = 1000.0
 #: Step of the derivatives in radians, and in D for translations.
 _STEP: Final = 1e-6
 
@@ -30,8 +32,8 @@ def pixel_errors(
     sensor
         The sensor of both.
     measured, predicted
-        (N,) values of object_distance_mm and image_distance_mm, and of principal point and κ1 where
-        they are known, by name.
+        (N,) values of image_distance_mm, and of object_distance_mm, principal point and κ1 where
+        they are known, by name. Without object distances both look at a target equally far away.
 
     Returns
     -------
@@ -39,7 +41,7 @@ def pixel_errors(
         (N,) error_centre_px, error_corner_px, refitted_centre_px and refitted_corner_px, the
         corners being the worst of four; NaN where a value is missing or the distortion folds.
     """
-    count = len(measured["object_distance_mm"])
+    count = len(measured["image_distance_mm"])
     rows = [
         _one(sensor, *({n: float(v[i]) for n, v in part.items()} for part in (measured, predicted)))
         for i in range(count)
@@ -59,8 +61,8 @@ def _one(
     pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
     corners = [0, _GRID - 1, _GRID * (_GRID - 1), _GRID**2 - 1]
     rays = own.unproject(pixels)
-    plane = rays / rays[:, 2:] * measured["object_distance_mm"]
-    plane[:, 2] = predicted["object_distance_mm"]
+    plane = rays / rays[:, 2:] * measured.get("object_distance_mm", _SOMEWHERE_MM)
+    plane[:, 2] = predicted.get("object_distance_mm", _SOMEWHERE_MM)
     found = []
     for seen in (other.project(plane), _refitted(other, plane, pixels)):
         moved = np.linalg.norm(seen - pixels, axis=-1)

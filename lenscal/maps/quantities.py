@@ -24,6 +24,11 @@ QUANTITIES: Final[dict[str, str]] = {
 CAMERA_QUANTITIES: Final = ("principal_point_x_px", "principal_point_y_px", "k1_per_mm2")
 
 
+#: Quantities that take a core surface each, where d/D and D are known, and the standoff too; and
+#: where only d is, as from most foreign files.
+CORE: Final = ("magnification", "object_distance_mm", "standoff_mm")
+CORE_WITHOUT_DISTANCE: Final = ("image_distance_mm",)
+
 #: Which core surfaces (ln d/D, ln D, ln standoff) a quantity is made of.
 CORE_SURFACES: Final[dict[str, tuple[int, ...]]] = {
     "magnification": (0,),
@@ -33,6 +38,24 @@ CORE_SURFACES: Final[dict[str, tuple[int, ...]]] = {
     "standoff_mm": (2,),
     "nodal_offset_mm": (1, 2),
 }
+
+
+def core_surfaces(quantity: str, count: int) -> tuple[int, ...]:
+    """Tell which core surfaces of a map a quantity is made of.
+
+    Parameters
+    ----------
+    quantity
+        One of `CORE_SURFACES`.
+    count
+        How many core surfaces the map has; the one of a map without distances is ln d.
+
+    Returns
+    -------
+    tuple of int
+        Their indices.
+    """
+    return (0,) if count == 1 else CORE_SURFACES[quantity]
 
 
 def from_logarithms(
@@ -45,7 +68,7 @@ def from_logarithms(
     quantity
         One of `CORE_SURFACES`.
     logarithms
-        (..., S) values of those surfaces, in that order.
+        (..., S) values of those surfaces, in the order of `core_surfaces`.
 
     Returns
     -------
@@ -55,7 +78,7 @@ def from_logarithms(
         S arrays of that shape.
     """
     first = logarithms[..., 0]
-    if quantity == "image_distance_mm":
+    if quantity == "image_distance_mm" and logarithms.shape[-1] == 2:
         value = np.exp(first + logarithms[..., 1])
         return value, (value, value)
     if quantity == "focal_length_mm":  # 1/f = 1/D + 1/d with d = D · (d/D)
@@ -70,14 +93,14 @@ def from_logarithms(
 
 
 def from_core(quantity: str, core: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Value of a quantity, and its derivatives with respect to ln(d/D), ln D, ln standoff.
+    """Value of a quantity, and its derivatives with respect to all core surfaces of a map.
 
     Parameters
     ----------
     quantity
         One of `CORE_SURFACES`.
     core
-        (..., Q) values of the core surfaces, Q = 2 or 3.
+        (..., Q) values of the core surfaces: ln(d/D), ln D and, for Q = 3, ln standoff; or ln d.
 
     Returns
     -------
@@ -86,7 +109,7 @@ def from_core(quantity: str, core: FloatArray) -> tuple[FloatArray, FloatArray]:
     weights : FloatArray
         (..., Q).
     """
-    surfaces = list(CORE_SURFACES[quantity])
+    surfaces = list(core_surfaces(quantity, core.shape[-1]))
     value, some = from_logarithms(quantity, core[..., surfaces])
     weights = np.zeros(core.shape)
     weights[..., surfaces] = np.stack(some, axis=-1)

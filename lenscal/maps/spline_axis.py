@@ -7,8 +7,9 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 from scipy import linalg
-from scipy.interpolate import BPoly, BSpline
+from scipy.interpolate import BSpline
 
 from lenscal.arrays import FloatArray, IntArray
 
@@ -19,6 +20,9 @@ _SMOOTH_SAMPLES: Final = 36
 _ROUNDING: Final = 1e-6
 #: More knot intervals than this per axis serve no lens and cost time.
 _MOST_INTERVALS: Final = 24
+
+#: Intervals, or cells, are few: short integers are counted and sorted fast.
+Intervals = npt.NDArray[np.uint16]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +107,11 @@ class SplineAxis:
         """(M + 1,) borders of the M intervals between different knots."""
         return np.unique(self.knots)
 
+    @cached_property
+    def widths(self) -> FloatArray:
+        """(M,) widths of the intervals."""
+        return np.diff(self.breaks)
+
     def supports(self) -> IntArray:
         """(M, degree + 1) indices of the basis functions that are not zero on each interval."""
         last = np.searchsorted(self.knots, self.breaks[:-1], side="right") - 1
@@ -114,39 +123,57 @@ class SplineAxis:
         Returns
         -------
         FloatArray
-            (M, degree + 1, degree + 1) Bernstein coefficients on each interval, of the basis
-            functions that `supports` names, last.
+            (M, degree + 1, degree + 1) coefficients of t^k (1 − t)^(degree − k) on each interval,
+            t being the place, of the basis functions that `supports` names, last.
         """
         nodes = np.linspace(0, 1, self.degree + 1) if self.degree else np.array([0.5])
-        start, width = self.breaks[:-1], np.diff(self.breaks)
-        where = start[:, None] + width[:, None] * nodes
+        where = self.breaks[:-1, None] + self.widths[:, None] * nodes
         values = self.design(where.ravel()).reshape(*where.shape, self.size)
         local = np.take_along_axis(values, self.supports()[:, None, :], axis=2)
-        at_nodes = BPoly(np.eye(self.degree + 1)[:, None, :], [0.0, 1.0])(nodes)
+        power = np.arange(self.degree + 1)
+        at_nodes = nodes[:, None] ** power * (1 - nodes[:, None]) ** power[::-1]
         return np.asarray(np.linalg.solve(at_nodes, local))
 
-    def place(self, values: FloatArray, *, continued: bool) -> tuple[IntArray, FloatArray]:
-        """Find the interval of each setting and the place within it.
+    def interval(self, values: FloatArray) -> Intervals:
+        """Find the interval of each setting.
 
         Parameters
         ----------
         values
             (N,) settings; those beyond the ends belong to the outermost intervals.
+
+        Returns
+        -------
+        Intervals
+            (N,) 0 to M − 1.
+        """
+        # So few borders are compared one by one in a tenth of the time that a search takes.
+        found = np.zeros(values.shape, dtype=np.uint16)
+        for border in self.breaks[1:-1]:
+            found += values >= border
+        return found
+
+    def place(
+        self, values: FloatArray, interval: Intervals | int, *, continued: bool
+    ) -> FloatArray:
+        """Find the place of each setting within its interval.
+
+        Parameters
+        ----------
+        values
+            (N,) settings.
+        interval
+            (N,) that of each, or the one of all.
         continued
             Whether a place may lie beyond its interval; else it is that of the nearest end.
 
         Returns
         -------
-        interval : IntArray
-            (N,) 0 to M − 1.
-        place : FloatArray
+        FloatArray
             (N,) 0 to 1 over the interval, NaN for NaN.
         """
-        interval = np.searchsorted(self.breaks[1:-1], values, side="right")
-        place = (values - self.breaks[interval]) / np.diff(self.breaks)[interval]
-        if not continued:
-            np.clip(place, 0.0, 1.0, out=place)
-        return interval, place
+        place = (values - self.breaks[interval]) / self.widths[interval]
+        return place if continued else np.clip(place, 0.0, 1.0)
 
     def roughness(self, roughening: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Diagonalise the integral of the squared derivative that is penalised.

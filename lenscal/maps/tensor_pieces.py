@@ -2,21 +2,23 @@
 
 At a point only (degree + 1)² basis functions matter, so within a cell a surface is one polynomial,
 and the posterior variance, a square of the basis, is one of twice the degree. In Bernstein form
-over the cell neither the conversion nor the evaluation loses digits to cancellation.
+over the cell neither the conversion nor the evaluation loses digits to cancellation; the binomials
+are left with the coefficients.
 """
 
 from __future__ import annotations
 
-from math import comb
 from typing import Final
 
 import numpy as np
 
 from lenscal.arrays import FloatArray
-from lenscal.maps.spline_axis import SplineAxis
+from lenscal.maps.spline_axis import Intervals, SplineAxis
 
-#: Points evaluated at a time: their coefficients should fit into the processor's cache.
+#: Points evaluated at a time: their basis should fit into the processor's cache.
 _CHUNK: Final = 4096
+#: Points per cell below which sorting them into cells does not pay.
+_FEW_PER_CELL: Final = 64
 
 
 def surface_pieces(
@@ -39,13 +41,35 @@ def surface_pieces(
     Returns
     -------
     FloatArray
-        (Q, P, R, C) Bernstein coefficients along zoom and focus in each of C cells, focus fastest.
+        (Q, P, R, C) coefficients along zoom and focus in each of C cells, focus fastest.
     """
     zoom_pieces = _differentiated(zoom, derivative[0])
     focus_pieces = _differentiated(focus, derivative[1])
     local = coefficients[zoom.supports()[:, None, :, None], focus.supports()[None, :, None, :]]
     pieces = np.einsum("mpi,nrj,mnijq->qprmn", zoom_pieces, focus_pieces, local, optimize=True)
     return np.ascontiguousarray(pieces.reshape(*pieces.shape[:3], -1))
+
+
+def axis_pieces(axis: SplineAxis, coefficients: FloatArray, derivative: int = 0) -> FloatArray:
+    """Turn B-spline coefficients of curves into polynomials per interval.
+
+    Parameters
+    ----------
+    axis
+        The axis.
+    coefficients
+        (K, Q) of Q curves.
+    derivative
+        How often to differentiate.
+
+    Returns
+    -------
+    FloatArray
+        (Q, P, M) coefficients in each of M intervals.
+    """
+    local = coefficients[axis.supports()]
+    pieces = np.einsum("mpi,miq->qpm", _differentiated(axis, derivative), local)
+    return np.ascontiguousarray(pieces)
 
 
 def covariance_pieces(zoom: SplineAxis, focus: SplineAxis, covariance: FloatArray) -> FloatArray:
@@ -61,7 +85,7 @@ def covariance_pieces(zoom: SplineAxis, focus: SplineAxis, covariance: FloatArra
     Returns
     -------
     FloatArray
-        (1, 2 P − 1, 2 R − 1, C) Bernstein coefficients of the covariance of the two surfaces.
+        (1, 2 P − 1, 2 R − 1, C) coefficients of the covariance of the two surfaces.
     """
     rows, columns = zoom.supports(), focus.supports()
     zoom_pieces, focus_pieces = zoom.pieces(), focus.pieces()
@@ -96,7 +120,7 @@ def evaluate(
     axes
         The axes.
     pieces
-        (Q, P, R, C) Bernstein coefficients.
+        (Q, P, R, C) coefficients.
     zoom, focus
         (N,) settings; NaN gives NaN.
     continued
@@ -108,66 +132,143 @@ def evaluate(
     FloatArray
         (Q, N).
     """
-    count = len(pieces)
-    result = np.zeros((count, len(zoom)))
-    for start in range(0, len(zoom), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        (row, along_zoom), (column, along_focus) = (
-            axis.place(values[part], continued=continued)
-            for axis, values in zip(axes, (zoom, focus), strict=True)
-        )
-        cell = row * (len(axes[1].breaks) - 1) + column
-        zoom_basis = bernstein(pieces.shape[1] - 1, along_zoom)
-        focus_basis = bernstein(pieces.shape[2] - 1, along_focus)
-        for surface, values in zip(pieces, result, strict=True):
-            along = np.einsum("prn,rn->pn", surface.take(cell, axis=2), focus_basis)
-            np.einsum("pn,pn->n", along, zoom_basis, out=values[part])
-    # A constant piece does not notice a place that is NaN.
-    result[:, np.isnan(zoom) | np.isnan(focus)] = np.nan
+    row, column = (axis.interval(v) for axis, v in zip(axes, (zoom, focus), strict=True))
+    cell = row * np.uint16(len(axes[1].widths)) + column
+    if len(zoom) < _FEW_PER_CELL * pieces.shape[3]:
+        result = _point_by_point(axes, pieces, (zoom, focus), (row, column), cell, continued)
+    else:
+        result = _cell_by_cell(axes, pieces, (zoom, focus), cell, continued)
+    if 0 in _degrees(pieces):
+        # What is constant does not notice a place that is NaN.
+        result[:, np.isnan(zoom) | np.isnan(focus)] = np.nan
     return result
 
 
-def bernstein(degree: int, at: FloatArray) -> FloatArray:
-    """Evaluate the Bernstein polynomials of a degree.
+def _point_by_point(
+    axes: tuple[SplineAxis, SplineAxis],
+    pieces: FloatArray,
+    settings: tuple[FloatArray, FloatArray],
+    intervals: tuple[Intervals, Intervals],
+    cell: Intervals,
+    continued: bool,
+) -> FloatArray:
+    """(Q, N) values, the coefficients being fetched for each point."""
+    zoom_basis, focus_basis = (
+        shares(degree, axis.place(values, interval, continued=continued))
+        for axis, values, interval, degree in zip(
+            axes, settings, intervals, _degrees(pieces), strict=True
+        )
+    )
+    along = np.einsum("qprn,rn->qpn", pieces.take(cell, axis=3), focus_basis)
+    return np.asarray(np.einsum("qpn,pn->qn", along, zoom_basis))
+
+
+def _cell_by_cell(
+    axes: tuple[SplineAxis, SplineAxis],
+    pieces: FloatArray,
+    settings: tuple[FloatArray, FloatArray],
+    cell: Intervals,
+    continued: bool,
+) -> FloatArray:
+    """(Q, N) values, the points being sorted into cells, in each of which one product does."""
+    cells = pieces.shape[3]
+    # Short integers are sorted by counting them.
+    order = np.argsort(cell, kind="stable")
+    sorted_settings = [values.take(order) for values in settings]
+    stops = np.cumsum(np.bincount(cell, minlength=cells))
+    columns = len(axes[1].widths)
+    found = np.zeros((len(pieces), len(cell)))
+    for number in range(cells):
+        piece = pieces[..., number]
+        intervals = divmod(number, columns)
+        for start in range(stops[number - 1] if number else 0, stops[number], _CHUNK):
+            part = slice(start, min(start + _CHUNK, stops[number]))
+            zoom_basis, focus_basis = (
+                shares(degree, axis.place(values[part], interval, continued=continued))
+                for axis, values, interval, degree in zip(
+                    axes, sorted_settings, intervals, _degrees(pieces), strict=True
+                )
+            )
+            for surface, values in zip(piece, found, strict=True):
+                np.einsum("pn,pn->n", surface @ focus_basis, zoom_basis, out=values[part])
+    result = np.zeros_like(found)
+    result[:, order] = found
+    return result
+
+
+def _degrees(pieces: FloatArray) -> tuple[int, int]:
+    return pieces.shape[1] - 1, pieces.shape[2] - 1
+
+
+def evaluate_along(axis: SplineAxis, pieces: FloatArray, values: FloatArray) -> FloatArray:
+    """Evaluate curves; the outermost polynomials go on beyond the knots.
 
     Parameters
     ----------
-    degree
-        The degree.
-    at
-        (N,) places, 0 to 1 over the interval.
+    axis
+        The axis.
+    pieces
+        (Q, P, M) coefficients of Q curves.
+    values
+        (N,) settings; NaN gives NaN, except of a constant curve.
 
     Returns
     -------
     FloatArray
-        (degree + 1, N).
+        (Q, N).
     """
-    rising, falling = np.ones((2, degree + 1, len(at)))
-    rest = 1.0 - at
-    for power in range(1, degree + 1):
-        np.multiply(rising[power - 1], at, out=rising[power])
-        np.multiply(falling[power - 1], rest, out=falling[power])
-    weights = np.array([comb(degree, k) for k in range(degree + 1)], dtype=np.float64)
-    rising *= falling[::-1]
-    rising *= weights[:, None]
-    return rising
+    result = np.zeros((len(pieces), len(values)))
+    for start in range(0, len(values), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        interval = axis.interval(values[part])
+        place = axis.place(values[part], interval, continued=True)
+        basis = shares(pieces.shape[1] - 1, place)
+        for curve, found in zip(pieces, result, strict=True):
+            np.einsum("pn,pn->n", curve.take(interval, axis=1), basis, out=found[part])
+    return result
+
+
+def shares(degree: int, place: FloatArray) -> FloatArray:
+    """Evaluate the products of powers of a place and of what is left to 1.
+
+    Parameters
+    ----------
+    degree
+        The degree n.
+    place
+        (N,) places t, 0 to 1 over the interval.
+
+    Returns
+    -------
+    FloatArray
+        (n + 1, N) t^k (1 − t)^(n − k), Bernstein's polynomials without their binomials.
+    """
+    found = np.ones((degree + 1, len(place)))
+    for power in range(degree):
+        np.multiply(found[power], place, out=found[power + 1])
+    rest = 1.0 - place
+    falling = rest.copy()
+    for power in range(degree - 1, -1, -1):
+        found[power] *= falling
+        falling *= rest
+    return found
 
 
 def _differentiated(axis: SplineAxis, order: int) -> FloatArray:
-    """(M, P, degree + 1) Bernstein coefficients of a derivative of each local basis function."""
+    """(M, P, degree + 1) coefficients of a derivative of each local basis function."""
     pieces = axis.pieces()
     for _ in range(order):
         degree = pieces.shape[1] - 1
         if degree == 0:
             return np.zeros_like(pieces)
-        pieces = degree * np.diff(pieces, axis=1) / np.diff(axis.breaks)[:, None, None]
+        rising = np.arange(1, degree + 1)[:, None]
+        slopes = rising * pieces[:, 1:] - rising[::-1] * pieces[:, :-1]
+        pieces = slopes / axis.widths[:, None, None]
     return pieces
 
 
 def _product(degree: int) -> FloatArray:
-    """(P, P, 2 P − 1) products of two Bernstein polynomials in those of twice the degree."""
-    product = np.zeros((degree + 1, degree + 1, 2 * degree + 1))
-    for i in range(degree + 1):
-        for k in range(degree + 1):
-            product[i, k, i + k] = comb(degree, i) * comb(degree, k) / comb(2 * degree, i + k)
-    return product
+    """(P, P, 2 P − 1) products of two `shares` in those of twice the degree."""
+    first, second = np.indices((degree + 1, degree + 1))
+    both = (first + second)[:, :, None] == np.arange(2 * degree + 1)
+    return np.asarray(both, dtype=np.float64)

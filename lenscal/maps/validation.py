@@ -11,7 +11,7 @@ import pandas as pd
 from lenscal.arrays import FloatArray, IntArray
 from lenscal.errors import InputError
 from lenscal.maps.domain import Domain
-from lenscal.maps.fit import fit_lens_map
+from lenscal.maps.fit import can_be_mapped, core_names, fit_lens_map
 from lenscal.maps.lens_map import LensMap
 from lenscal.maps.prediction_pixels import pixel_errors
 from lenscal.maps.quantities import QUANTITIES
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lenscal.calibration.table import CalibrationTable
 
 #: A setting is left out by making its σ this much larger: the splines keep their knots.
-_LEFT_OUT: Final = 1e6
+_LEFT_OUT: Final = 1e5
 #: Beyond this many of its own σ, only the left-out setting itself can be what holds a prediction.
 _UNDETERMINED: Final = 1e4
 #: Smallest relative σ that is taken from the scatter of a table without σ.
@@ -48,13 +48,14 @@ def cross_validate(
     camera that stands at its own sharp distance D and is not moved otherwise: errors of d/D,
     principal point and κ1 count, an error that d and D share does not. ``refitted_centre_px`` and
     ``refitted_corner_px`` are what is left when the pose is refitted to points all over the image,
-    as it is when a target is looked at: distortion, and what tilt cannot hide.
+    as it is when a target is looked at: distortion, and what tilt cannot hide. Where D is not
+    known, both cameras look at the same distance, so that errors of d count in full.
 
     Parameters
     ----------
     table
-        A calibration table, or a frame as for `fit_lens_map`. Without magnification or
-        object_distance_mm, the quantities that there are get a surface each.
+        A calibration table, or a frame as for `fit_lens_map`. Where no map can be fitted, since
+        quantities are known at a part of the settings only, each gets a surface of its own.
     folds
         Into how many parts the settings are dealt, each of which is predicted by the others; None
         leaves out one setting at a time.
@@ -87,8 +88,7 @@ def cross_validate(
         table = table.to_dataframe()
     samples = checked_settings(table)
     fold = _folds(len(samples), folds, rng)
-    has_core = {"magnification", "object_distance_mm"} <= set(samples)
-    prepare = _by_map if has_core else _by_surfaces
+    prepare = _by_map if can_be_mapped(samples) else _by_surfaces
     predict = prepare(samples, choose_smoothing)
     places = samples[["zoom", "focus"]].to_numpy(float)
     result = pd.DataFrame({"zoom": places[:, 0], "focus": places[:, 1], "fold": fold})
@@ -111,7 +111,7 @@ def cross_validate(
             columns[f"relative_error_{name}"] = error / measured
         columns[f"sigma_{name}"] = np.where(np.isnan(told), np.nan, both)
         columns[f"error_sigmas_{name}"] = error / both
-    if sensor is not None and {"object_distance_mm", "image_distance_mm"} <= set(found):
+    if sensor is not None and "image_distance_mm" in found:
         predicted = {name: columns[f"predicted_{name}"] for name in found}
         measured = {name: four[2] for name, four in found.items()}
         columns |= pixel_errors(sensor, measured, predicted)
@@ -218,7 +218,7 @@ def _by_map(samples: pd.DataFrame, choose_smoothing: bool) -> _Predict:
 def _with_sigmas(full: LensMap) -> pd.DataFrame:
     """Give the samples of a map σ where they have none: those that the map found in the scatter."""
     stated = full.samples.copy()
-    core = [n for n in ("magnification", "object_distance_mm", "standoff_mm") if n in stated]
+    core = core_names(stated)
     known = all(f"sigma_{n}" in stated and stated[f"sigma_{n}"].notna().all() for n in core[:2])
     if not known:
         share = max(float(np.sqrt(full.core.noise_scale)), _LEAST_SIGMA)

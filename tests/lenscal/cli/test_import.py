@@ -65,14 +65,21 @@ def test_what_a_format_does_not_know_is_said(tmp_path, export, lens_map, form, n
     if form == "ros":
         path = path / "focus_100_zoom_%d.yaml"
     result = run("import", path, "--format", form, *words, "-o", tmp_path / "t.csv")
-    assert "note: the object distance D is not known, and with it not d/D" in result.output
+    assert "note: the object distance D is not known, and with it not d/D and f" in result.output
     rows = CalibrationTable.load(tmp_path / "t.csv").rows
     assert rows["object_distance_mm"].isna().all()
     focus = 100.0 if form == "ros" else rows["focus"]
     expected = lens_map.image_distance_mm(rows["zoom"], focus)
     np.testing.assert_allclose(rows["image_distance_mm"], expected, rtol=1e-12)
-    with pytest.raises(InputError, match="magnification is not finite in row 0"):
-        run("map", "fit", tmp_path / "t.csv", "-o", tmp_path / "map.json")
+    result = run("map", "fit", tmp_path / "t.csv", "-o", tmp_path / "map.json")
+    assert "note: no object_distance_mm in the table: the map tells d, but not d/D" in result.output
+    again = LensMap.load(tmp_path / "map.json")
+    # Five settings without σ: what a smooth curve cannot follow is taken for noise.
+    off = np.log(again.image_distance_mm(rows["zoom"], rows["focus"]) / expected)
+    assert (np.abs(off) < 3 * np.sqrt(again.core.noise_scale)).all()
+    shown = run("map", "show", tmp_path / "map.json", "--zoom", 98, "--focus", rows["focus"][0])
+    assert "image_distance_mm" in shown.output
+    assert "magnification" not in shown.output
 
 
 def test_object_distances_are_added_to_a_table_that_lacks_them(tmp_path, export, lens_map):
@@ -180,3 +187,11 @@ def test_settings_and_sizes_that_do_not_fit(tmp_path, export):
     )
     with pytest.raises(InputError, match="the file does not tell the size of the image"):
         run("import", bare, "--format", "opentrackio", "-o", tmp_path / "t.csv")
+
+
+def test_a_map_does_not_overwrite_the_evidence_of_its_table(tmp_path, export):
+    path = export("ulens", "l.ulens")
+    run("import", path, "--format", "ulens", "-o", tmp_path / "t.csv")
+    with pytest.raises(InputError, match="holds the evidence of .*; give the map another name"):
+        run("map", "fit", tmp_path / "t.csv", "-o", tmp_path / "t.json")
+    CalibrationTable.load(tmp_path / "t.csv")

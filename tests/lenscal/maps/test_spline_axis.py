@@ -1,12 +1,14 @@
 """Spline bases along one motor."""
 
+from math import comb
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lenscal.maps.spline_axis import SplineAxis
-from lenscal.maps.tensor_pieces import bernstein
+from lenscal.maps.tensor_pieces import evaluate, shares, surface_pieces
 
 lists = st.lists(st.integers(0, 3000), min_size=1, max_size=40, unique=True)
 
@@ -16,9 +18,10 @@ lists = st.lists(st.integers(0, 3000), min_size=1, max_size=40, unique=True)
 def test_the_pieces_are_the_basis(values):
     axis = SplineAxis.through(np.array(values, dtype=float))
     where = np.linspace(*axis.ends, 57)
-    interval, place = axis.place(where, continued=True)
+    interval = axis.interval(where)
+    place = axis.place(where, interval, continued=True)
     local = np.einsum(
-        "npk,pn->nk", axis.pieces()[interval], bernstein(axis.degree, place), optimize=True
+        "npk,pn->nk", axis.pieces()[interval], shares(axis.degree, place), optimize=True
     )
     found = np.zeros((len(where), axis.size))
     np.put_along_axis(found, axis.supports()[interval], local, axis=1)
@@ -29,7 +32,9 @@ def test_the_pieces_are_the_basis(values):
 @given(lists)
 def test_the_basis_sums_to_one(values):
     axis = SplineAxis.through(np.array(values, dtype=float))
-    np.testing.assert_allclose(axis.pieces().sum(axis=2), 1.0, atol=1e-12)
+    binomials = np.array([comb(axis.degree, k) for k in range(axis.degree + 1)])
+    one = axis.pieces().sum(axis=2) / binomials
+    np.testing.assert_allclose(one, 1.0, atol=1e-12)
     np.testing.assert_allclose(axis.design(np.linspace(*axis.ends, 31)).sum(axis=1), 1.0)
 
 
@@ -43,12 +48,31 @@ def test_the_degree_follows_the_number_of_values(values, degree):
 
 def test_places_beyond_the_ends():
     axis = SplineAxis.through(np.linspace(90, 110, 5))
-    interval, place = axis.place(np.array([85.0, 115.0, np.nan]), continued=True)
+    where = np.array([85.0, 115.0, np.nan])
+    interval = axis.interval(where)
     assert interval[:2].tolist() == [0, 3]
-    np.testing.assert_allclose(place, [-1, 2, np.nan])
-    np.testing.assert_allclose(
-        axis.place(np.array([85.0, 115.0, np.nan]), continued=False)[1], [0, 1, np.nan]
-    )
+    np.testing.assert_allclose(axis.place(where, interval, continued=True), [-1, 2, np.nan])
+    np.testing.assert_allclose(axis.place(where, interval, continued=False), [0, 1, np.nan])
+
+
+@settings(deadline=None, max_examples=30)
+@given(lists, lists, st.integers(0, 2**32 - 1))
+def test_many_points_are_evaluated_as_each_alone(zooms, focuses, seed):
+    """Many are sorted into cells, few are not: the values are the same, beyond the ends too."""
+    rng = np.random.default_rng(seed)
+    axes = tuple(SplineAxis.through(np.array(v, dtype=float)) for v in (zooms, focuses))
+    coefficients = rng.normal(size=(axes[0].size, axes[1].size, 2))
+    pieces = surface_pieces(*axes, coefficients)
+    count = 64 * pieces.shape[3]
+    points = [rng.uniform(a - 1, b + 1, count) for a, b in (axis.ends for axis in axes)]
+    points[0][0] = np.nan
+    for continued in (False, True):
+        together = evaluate(axes, pieces, *points, continued=continued)
+        few = slice(0, 63)
+        alone = evaluate(axes, pieces, points[0][few], points[1][few], continued=continued)
+        scale = np.nanmax(np.abs(together), initial=1.0)
+        np.testing.assert_allclose(together[:, few], alone, atol=1e-12 * scale)
+        assert np.isnan(together[:, 0]).all()
 
 
 def test_straight_functions_are_not_rough():
