@@ -10,7 +10,8 @@ import numpy as np
 
 from lenscal.document import digest
 from lenscal.errors import PlanningError
-from planning.requirements.margin import Requirement, image_axis
+from planning.requirements.magnification import image_axis
+from planning.requirements.margin import Requirement
 from planning.solid import Solid
 from planning.target import Target
 

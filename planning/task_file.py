@@ -33,10 +33,10 @@ from pydantic import Field, model_validator
 
 from lenscal.handwritten import Handwritten, LengthMm, PositiveLengthMm, load_toml
 from lenscal.sensor import Axis
+from planning.fixed_lens import FixedLens
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.resolution import Resolution
 from planning.scene import Scene
-from planning.settings import FixedLens
 from planning.solid import box_workspace
 from planning.target import Target
 from planning.task import Task

@@ -16,7 +16,7 @@ from planning.enclosure import example_part
 from planning.planner import plan
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.resolution import Resolution
-from planning.settings import FixedLens
+from planning.fixed_lens import FixedLens
 from planning.solid import box_workspace
 from planning.target import Target
 from planning.task import Task

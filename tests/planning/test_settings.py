@@ -12,7 +12,8 @@ from lenscal.sensor import Sensor
 from planning.choices import choose_settings
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.resolution import Resolution
-from planning.settings import FixedLens, admissible_settings, object_distance_bounds_mm
+from planning.fixed_lens import FixedLens
+from planning.settings import admissible_settings, object_distance_bounds_mm
 
 PAPER = (Resolution(3, 0.254, "x"), FieldOfView(25.4, "x"))
 
