@@ -19,7 +19,7 @@ from planning.views import Subject, Views
 
 #: Places along an edge at which a piece is measured where the lens distorts. Without distortion the
 #: worst piece lies at an end.
-_PLACES: Final = 5
+_PLACES: Final = 7
 #: How far, as a share, a feature may be from perpendicular to count as such.
 _PERPENDICULAR: Final = 1e-9
 
@@ -107,7 +107,7 @@ class Resolution:
         Margin
             (V, S) by how many samples the worst piece exceeds what it must cover. Without
             distortion it is exact for a segment; for a face the piece is taken to be infinitely
-            short, which is never too good. With distortion pieces are measured at five places of
+            short, which is never too good. With distortion pieces are measured at seven places of
             an edge, and what the worst one between them may lack, by the second differences, is
             taken off.
         """
@@ -199,27 +199,35 @@ class Resolution:
         x, y, z = views.feature_in_camera_mm
         if not points.distorts:
             return np.asarray(_worst_direction(views, points, x, y, z).min(axis=1))
-        worst = []
+        # Along all edges, and along the spokes from the middle to the corners.
+        middle = [c.mean(axis=1, keepdims=True) for c in (x, y, z)]
+        worst, bend = [], []
         for k in range(x.shape[1]):
-            along = np.linspace(0.0, 1.0, _PLACES)[:, None]
-            places = (
-                c[:, k : k + 1] + along * (c[:, [(k + 1) % c.shape[1]]] - c[:, k : k + 1])
-                for c in (x, y, z)
-            )
-            worst.append(_worst_of_places(_worst_direction(views, points, *places)))
-        inside = (c.mean(axis=1, keepdims=True) for c in (x, y, z))
-        worst.append(_worst_direction(views, points, *inside)[:, 0])
-        return np.asarray(np.minimum.reduce(worst))
+            corner = [c[:, k : k + 1] for c in (x, y, z)]
+            following = [c[:, [(k + 1) % c.shape[1]]] for c in (x, y, z)]
+            for start in (middle, following):
+                along = np.linspace(0.0, 1.0, _PLACES)[:, None]
+                places = (a + along * (b - a) for a, b in zip(corner, start, strict=True))
+                values = _worst_direction(views, points, *places)
+                worst.append(values.min(axis=1))
+                bend.append(_bend(values))
+        # Between the lines there is room for more than between two places of one.
+        return np.asarray(np.minimum.reduce(worst) - np.maximum.reduce(bend))
 
 
 def _worst_of_places(values: FloatArray) -> FloatArray:
     """(S, V) lowest of (S, K, V) values, less what they may fall short of it between the places."""
     worst: FloatArray = values.min(axis=1)
     if values.shape[1] > 2:
-        bend = np.abs(np.diff(values, n=2, axis=1)).max(axis=1)
         # A parabola falls by an eighth of its second difference between two places.
-        worst = worst - bend / 4
+        worst = worst - _bend(values) / 6
     return worst
+
+
+def _bend(values: FloatArray) -> FloatArray:
+    """(S, V) largest second difference of (S, K, V) values."""
+    second = values[:, 2:] - 2 * values[:, 1:-1] + values[:, :-2]
+    return np.asarray(np.abs(second, out=second).max(axis=1))
 
 
 def _worst_direction(

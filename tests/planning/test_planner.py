@@ -13,10 +13,10 @@ from lenscal.document import read_document
 from lenscal.errors import PlanningError
 from lenscal.pose import Pose
 from planning.enclosure import example_part
+from planning.fixed_lens import FixedLens
 from planning.planner import plan
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.resolution import Resolution
-from planning.fixed_lens import FixedLens
 from planning.solid import box_workspace
 from planning.target import Target
 from planning.task import Task
