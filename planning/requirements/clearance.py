@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -13,8 +13,11 @@ from lenscal.sensor import Sensor
 from planning.camera_body import CameraBody, Piece
 from planning.requirements.margin import Margin, margin_over
 from planning.scene import Scene
-from planning.separation import separation_mm
+from planning.separation import directions_apart, separation_mm
 from planning.views import Views
+
+#: Pairs of view and triangle that are worked on at once.
+_PAIRS_AT_ONCE: Final = 4096
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,46 +115,88 @@ def _distances(
     found = np.full((states, viewpoints), np.inf)
     triangles = scene.triangles_mm
     for piece in body.pieces:
-        for view, state, face in _near(views, piece, triangles, centres, enough_mm):
-            placed = _in_reference(views, triangles[face], view, state, centres)
-            group = state * viewpoints + view
-            distance = separation_mm(piece, placed, group, enough_mm)
-            np.minimum.at(found.reshape(-1), group, distance)
+        pose, face, view = _near(views, piece, triangles, centres, enough_mm)
+        for start in range(0, len(view), _PAIRS_AT_ONCE):
+            part = slice(start, start + _PAIRS_AT_ONCE)
+            _measure(
+                views,
+                piece,
+                triangles,
+                centres,
+                enough_mm,
+                pose[part],
+                face[part],
+                view[part],
+                found,
+            )
         _mark_inside(views, piece, scene, centres, found)
     return found
 
 
 def _near(
     views: Views, piece: Piece, triangles: FloatArray, centres: FloatArray, enough_mm: float
-) -> Iterator[tuple[IntArray, IntArray, IntArray]]:
-    """Views, states and triangles that may be nearer to a piece than what is enough.
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Poses, triangles and viewpoints that may be nearer to a piece than what is enough.
 
-    The piece is held in a cylinder about the optical axis, the triangle in a ball. All states are
-    looked at together first, the piece sweeping along the axis; most views end there.
+    The piece, sweeping along the axis through all states, is held in a cylinder about the axis, the
+    triangle in a ball. Most views end here.
     """
     middles, radii = _balls(triangles)
     x, y, z = views.in_camera(middles)
     low, high, away = piece.extent_mm
+    lowest, highest = centres.min(axis=0), centres.max(axis=0)
+    middle, spread = (lowest + highest) / 2, (highest - lowest) / 2
+    sideways = np.hypot(x + middle[0], y + middle[1])
+    sideways -= away + np.hypot(spread[0], spread[1])
+    ahead = np.abs(z + middle[2] - (low + high) / 2)
+    ahead -= spread[2] + (high - low) / 2
+    np.maximum(sideways, 0.0, out=sideways)
+    np.maximum(ahead, 0.0, out=ahead)
+    pose, face, view = np.nonzero(
+        sideways**2 + ahead**2 < ((enough_mm + radii) ** 2)[None, :, None]
+    )
+    return pose, face, view
+
+
+def _measure(
+    views: Views,
+    piece: Piece,
+    triangles: FloatArray,
+    centres: FloatArray,
+    enough_mm: float,
+    pose: IntArray,
+    face: IntArray,
+    view: IntArray,
+    found: FloatArray,
+) -> None:
+    """Lower what was found to the distance of a piece from K triangles, each at its states."""
+    away = triangles[face] - views.positions_mm[view, pose][:, None]
+    in_camera = away @ views.rotations[view, pose]
+    # Directions are tried at the middle state; from there their bounds are linear.
     middle = (centres.min(axis=0) + centres.max(axis=0)) / 2
-    spread = np.ptp(centres, axis=0) / 2
-    sideways = np.hypot(x + middle[0], y + middle[1]) - away - np.hypot(spread[0], spread[1])
-    ahead = np.abs(z + middle[2] - (low + high) / 2) - spread[2] - (high - low) / 2
-    reach = enough_mm + radii[None, :, None]
-    together = (sideways < reach) & (ahead < reach)
-    pose, face, view = np.nonzero(together)
-    if not len(view):
-        return
-    if len(x) == 1:
-        state = np.repeat(np.arange(len(centres)), len(view))
-        pose, face, view = (np.tile(a, len(centres)) for a in (pose, face, view))
+    directions, gaps = directions_apart(piece, in_camera + middle)
+    if views.positions_mm.shape[1] > 1:
+        shift = (centres - middle)[pose]
+        bound = (gaps + np.einsum("ckj,kj->ck", directions, shift)).max(axis=0)
+        pair, state = np.arange(len(pose)), pose
     else:
-        state = pose
-    shift = centres[state]
-    sideways = np.hypot(x[pose, face, view] + shift[:, 0], y[pose, face, view] + shift[:, 1]) - away
-    ahead = np.abs(z[pose, face, view] + shift[:, 2] - (low + high) / 2) - (high - low) / 2
-    apart = np.hypot(np.maximum(sideways, 0.0), np.maximum(ahead, 0.0)) - radii[face]
-    kept = apart < enough_mm
-    yield view[kept], state[kept], face[kept]
+        bound = np.full((len(pose), len(centres)), -np.inf)
+        for direction, gap in zip(directions, gaps, strict=True):
+            np.maximum(bound, gap[:, None] + direction @ (centres - middle).T, out=bound)
+        pair, state = np.nonzero(bound < enough_mm)
+        bound = bound[pair, state]
+    group = state * found.shape[1] + view[pair]
+    flat = found.reshape(-1)
+    # First what seems to be nearest in each view; the others only where they may be nearer still.
+    order = np.lexsort((bound, group))
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = group[order][1:] != group[order][:-1]
+    for chosen in (order[first], order[~first]):
+        chosen = chosen[bound[chosen] < np.minimum(flat[group[chosen]], enough_mm)]
+        placed = in_camera[pair[chosen]] + centres[state[chosen]][:, None]
+        _, groups = np.unique(group[chosen], return_inverse=True)
+        distance = separation_mm(piece, placed, groups, enough_mm, bound[chosen])
+        np.minimum.at(flat, group[chosen], distance)
 
 
 def _balls(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -164,16 +209,6 @@ def _balls(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
     middles = triangles[rows, longest] + sides[rows, longest] / 2
     reach = np.linalg.norm(triangles - middles[:, None], axis=-1).max(axis=1)
     return middles, reach
-
-
-def _in_reference(
-    views: Views, triangles: FloatArray, view: IntArray, state: IntArray, centres: FloatArray
-) -> FloatArray:
-    """(K, 3, 3) triangles in the frame of the reference camera at each view and state."""
-    pose = state if views.positions_mm.shape[1] > 1 else np.zeros_like(state)
-    away = triangles - views.positions_mm[view, pose][:, None]
-    placed: FloatArray = away @ views.rotations[view, pose] + centres[state][:, None]
-    return placed
 
 
 def _mark_inside(

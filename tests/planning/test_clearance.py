@@ -7,7 +7,6 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import minimize
 
 from lenscal.camera import Camera
 from lenscal.errors import InputError, PlanningError
@@ -17,7 +16,7 @@ from planning.camera_body import CameraBody, Cylinder, Hull
 from planning.lens_states import LensStates
 from planning.requirements.clearance import Clearance
 from planning.scene import Scene
-from planning.separation import separation_mm
+from planning.separation import directions_apart, nearest_on_triangles, separation_mm
 from planning.solid import Solid
 from planning.target import Target
 from planning.views import Subject, Views
@@ -41,6 +40,11 @@ def solid(mesh: trimesh.Trimesh) -> Solid:
     return Solid(mesh.vertices, mesh.faces)
 
 
+def separation(piece, triangles, group, enough) -> np.ndarray:
+    known = directions_apart(piece, triangles)[1].max(axis=0)
+    return separation_mm(piece, triangles, group, enough, known)
+
+
 def look_down(height, scene, *offsets, x=0.0, requirement) -> np.ndarray:
     subject = Subject(TARGET, scene=scene)
     views = Views.of(Pose(DOWN, np.array([x, 0.0, height])), states(*offsets), subject)
@@ -48,25 +52,22 @@ def look_down(height, scene, *offsets, x=0.0, requirement) -> np.ndarray:
 
 
 def closest(cylinder: Cylinder, triangle) -> float:
-    """Distance by a general minimiser from nine starts."""
-
-    def distance(share):
-        a, b = np.clip(share, 0, 1)
-        point = triangle[0] + a * (
-            (1 - b) * (triangle[1] - triangle[0]) + b * (triangle[2] - triangle[0])
-        )
-        away = point - cylinder.centre_mm
+    """Distance by a grid over the triangle that closes in on the best place: it is convex there."""
+    low, high = np.zeros(2), np.ones(2)
+    for _ in range(30):
+        a, b = np.meshgrid(*np.linspace(low, high, 13).T)
+        inside = a + b <= 1
+        a, b = a[inside], b[inside]
+        edges = triangle[1:] - triangle[0]
+        away = triangle[0] + np.stack([a, b], axis=-1) @ edges - cylinder.centre_mm
         along = away @ cylinder.axis
-        across = np.linalg.norm(away - along * cylinder.axis)
-        return np.hypot(
-            max(abs(along) - cylinder.half_length_mm, 0), max(across - cylinder.radius_mm, 0)
-        )
-
-    starts = [(a, b) for a in (0.1, 0.5, 0.9) for b in (0.1, 0.5, 0.9)]
-    return min(
-        minimize(distance, s, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-10}).fun
-        for s in starts
-    )
+        across = np.linalg.norm(away - along[:, None] * cylinder.axis, axis=-1)
+        beyond = np.maximum(np.abs(along) - cylinder.half_length_mm, 0)
+        distance = np.hypot(beyond, np.maximum(across - cylinder.radius_mm, 0))
+        best = np.array([a[distance.argmin()], b[distance.argmin()]])
+        size = 0.3 * (high - low)
+        low, high = np.clip(best - size, 0, 1), np.clip(best + size, 0, 1)
+    return float(distance.min())
 
 
 def test_the_front_of_the_lens_moves_with_the_offset() -> None:
@@ -109,30 +110,40 @@ def test_a_body_inside_of_material_is_not_free() -> None:
 
 def test_separation_agrees_with_a_general_minimiser() -> None:
     generator = np.random.default_rng(0)
-    for _ in range(25):
+    for _ in range(100):
         ends = generator.normal(size=(2, 3)) * 10
         cylinder = Cylinder(ends[0], ends[1], generator.uniform(1, 8))
         triangles = generator.normal(size=(4, 3, 3)) * 15 + generator.normal(size=(1, 1, 3)) * 25
-        found = separation_mm(cylinder, triangles, np.arange(4), 1e9)
+        found = separation(cylinder, triangles, np.arange(4), 1e9)
         expected = np.array([closest(cylinder, t) for t in triangles])
         apart = expected > 1e-4
-        np.testing.assert_allclose(found[apart], expected[apart], atol=1e-4)
+        np.testing.assert_allclose(found[apart], expected[apart], atol=2e-6)
         assert (found[apart] <= expected[apart] + 1e-8).all()
         assert (found[~apart] <= 1e-6).all()
+
+
+def test_nearest_points_agree_with_trimesh() -> None:
+    generator = np.random.default_rng(1)
+    triangles, points = (
+        generator.normal(size=(20_000, 3, 3)),
+        2 * generator.normal(size=(20_000, 3)),
+    )
+    expected = trimesh.triangles.closest_point(triangles, points)
+    np.testing.assert_allclose(nearest_on_triangles(triangles, points), expected, atol=1e-9)
 
 
 def test_hull_is_measured_as_what_it_is() -> None:
     """A housing of two cubes, beside a block: faces, an edge and a corner."""
     housing = Hull(solid(box((-10, -10, -10), (10, 10, 10))))
     block = box((15, -100, -100), (40, 100, 100)).triangles
-    assert separation_mm(housing, block, np.zeros(12, int), 99.0).max() >= 5
-    assert separation_mm(housing, block, np.arange(12), 99.0).min() == pytest.approx(5)
+    assert separation(housing, block, np.zeros(12, int), 99.0).max() >= 5
+    assert separation(housing, block, np.arange(12), 99.0).min() == pytest.approx(5)
     away = box((13, 14, -5), (20, 20, 5)).triangles
-    assert separation_mm(housing, away, np.arange(12), 99.0).min() == pytest.approx(5, abs=1e-6)
+    assert separation(housing, away, np.arange(12), 99.0).min() == pytest.approx(5, abs=1e-6)
     corner = box((11, 12, 12), (20, 20, 20)).triangles
-    assert separation_mm(housing, corner, np.arange(12), 99.0).min() == pytest.approx(3, abs=1e-6)
+    assert separation(housing, corner, np.arange(12), 99.0).min() == pytest.approx(3, abs=1e-6)
     deep = box((8, -5, -5), (30, 5, 5)).triangles
-    assert separation_mm(housing, deep, np.arange(12), 99.0).min() == pytest.approx(-2, abs=2)
+    assert separation(housing, deep, np.arange(12), 99.0).min() == pytest.approx(-2, abs=2)
     requirement = Clearance(CameraBody(meshes=[solid(box((-30, -30, 480), (30, 30, 500)))]), 10.0)
     floor = Scene([box((-50, -50, -10), (50, 50, 85))])
     assert look_down(600.0, floor, 0.0, requirement=requirement) == pytest.approx(5)
