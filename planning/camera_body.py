@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -299,3 +300,23 @@ class CameraBody:
     def pieces(self) -> tuple[Piece, ...]:
         """All convex pieces."""
         return (*self.cylinders, *(Hull(mesh) for mesh in self.meshes))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the body as JSON can hold it.
+
+        Returns
+        -------
+        dict
+            Cylinders by their numbers, meshes by their digests.
+        """
+        return {
+            "cylinders": [
+                {
+                    "start_mm": cylinder.start_mm.tolist(),
+                    "end_mm": cylinder.end_mm.tolist(),
+                    "radius_mm": cylinder.radius_mm,
+                }
+                for cylinder in self.cylinders
+            ],
+            "meshes": [mesh.digest for mesh in self.meshes],
+        }

@@ -73,20 +73,24 @@ def judge(requirements: Sequence[Requirement], views: Views) -> Judgement:
         )
     viewpoints, states = views.shape
     step = max(1, _AT_ONCE // states)
+    # A block keeps what one requirement computed for the next.
     blocks = [views.some(slice(start, start + step)) for start in range(0, viewpoints, step)]
-    if len(blocks) <= 1:
-        return Judgement(tuple(requirement.margin(views) for requirement in requirements))
-    value = np.zeros((len(requirements), states, viewpoints))
-    share = np.zeros_like(value)
-    words = []
-    for number, block in enumerate(blocks):
-        part = slice(number * step, (number + 1) * step)
-        for index, requirement in enumerate(requirements):
-            margin = requirement.margin(block)
-            value[index, :, part] = margin.value.T
-            share[index, :, part] = margin.share.T
-            if number == 0:
-                words.append((margin.unit, margin.binds))
     return Judgement(
-        tuple(Margin(value[k].T, unit, share[k].T, binds) for k, (unit, binds) in enumerate(words))
+        tuple(
+            requirement.margin(views)
+            if len(blocks) < 2 or getattr(requirement, "judges_all_at_once", False)
+            else _by_blocks(requirement, blocks, views)
+            for requirement in requirements
+        )
     )
+
+
+def _by_blocks(requirement: Requirement, blocks: Sequence[Views], views: Views) -> Margin:
+    viewpoints, states = views.shape
+    value, share = np.zeros((states, viewpoints)), np.zeros((states, viewpoints))
+    start = 0
+    for block in blocks:
+        margin = requirement.margin(block)
+        part = slice(start, start := start + block.shape[0])
+        value[:, part], share[:, part] = margin.value.T, margin.share.T
+    return Margin(value.T, margin.unit, share.T, margin.binds)

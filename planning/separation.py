@@ -18,7 +18,7 @@ from planning.camera_body import Piece
 
 #: Projections at most, and the gap in mm between both bounds at which they end.
 _PROJECTIONS: Final = 200
-_GAP_MM: Final = 1e-6
+_GAP_MM: Final = 1e-4
 
 
 def directions_apart(piece: Piece, triangles_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -75,7 +75,7 @@ def separation_mm(
     Returns
     -------
     FloatArray
-        (K,) in mm, to 1e-6 mm where the sets are apart. Where they overlap, what was known.
+        (K,) in mm, to 1e-4 mm where the sets are apart. Where they overlap, what was known.
     """
     best = np.array(at_least_mm)
     nearest = np.full(int(group.max(initial=0)) + 1, np.inf)

@@ -258,10 +258,8 @@ def _cut(lens: LensMap, polygons: list[SettingPolygon], limits: Bounds) -> list[
         exact = []
         for ring in rings:
             away, which = tree.query(ring)
-            points = np.where(
-                (away < _SAME)[:, None], known[which], origin + ring / _CLIPPER * size
-            )
-            new = away >= _SAME
+            new = np.asarray(np.asarray(away) >= _SAME)
+            points = np.where(new[:, None], origin + ring / _CLIPPER * size, known[which])
             points[new] = _onto_both(lens, points[new], limits)
             exact.append(points)
         # The outer ring is the one that holds the others.

@@ -16,8 +16,10 @@ from planning.scene import Scene
 from planning.separation import directions_apart, separation_mm
 from planning.views import Views
 
-#: Pairs of view and triangle that are worked on at once.
-_PAIRS_AT_ONCE: Final = 4096
+#: Pairs of viewpoint and triangle that are looked at at once, so that they stay in the cache, and
+#: views that are measured at once, so that the few slow ones do not cost a round each.
+_LOOKED_AT: Final = 100_000
+_MEASURED: Final = 400_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +50,11 @@ class Clearance:
     def name(self) -> str:
         """``clearance``."""
         return "clearance"
+
+    @property
+    def judges_all_at_once(self) -> bool:
+        """True: the few views that come near to something are worked on together."""
+        return True
 
     def margin(self, views: Views) -> Margin:
         """Judge views.
@@ -114,29 +121,76 @@ def _distances(
     viewpoints, states = views.shape
     found = np.full((states, viewpoints), np.inf)
     triangles = scene.triangles_mm
+    step = max(1, _MEASURED // states)
     for piece in body.pieces:
-        pose, face, view = _near(views, piece, triangles, centres, enough_mm)
-        for start in range(0, len(view), _PAIRS_AT_ONCE):
-            part = slice(start, start + _PAIRS_AT_ONCE)
-            _measure(
-                views,
-                piece,
-                triangles,
-                centres,
-                enough_mm,
-                pose[part],
-                face[part],
-                view[part],
-                found,
+        for start in range(0, viewpoints, step):
+            part = slice(start, start + step)
+            found[:, part] = np.minimum(
+                found[:, part],
+                _piece_distances(views.some(part), piece, triangles, centres, enough_mm),
             )
         _mark_inside(views, piece, scene, centres, found)
     return found
 
 
+def _piece_distances(
+    views: Views, piece: Piece, triangles: FloatArray, centres: FloatArray, enough_mm: float
+) -> FloatArray:
+    """(S, V) signed distance of one piece from all triangles in mm, as far as it is not enough."""
+    found = np.full(views.shape[::-1], np.inf)
+    step = max(1, _LOOKED_AT // len(triangles))
+    candidates = [
+        _bounds(views, start, step, piece, triangles, centres, enough_mm)
+        for start in range(0, views.shape[0], step)
+    ]
+    state, view, face, bound = (np.concatenate(column) for column in zip(*candidates, strict=True))
+    group = state * views.shape[0] + view
+    seeming = found.copy().reshape(-1)
+    np.minimum.at(seeming, group, bound)
+    flat, first = found.reshape(-1), bound == seeming[group]
+    # First what seems to be nearest in each view; the others only where they may be nearer still.
+    for chosen in (np.flatnonzero(first), np.flatnonzero(~first)):
+        chosen = chosen[bound[chosen] < np.minimum(flat[group[chosen]], enough_mm)]
+        placed = _in_camera(views, triangles, state[chosen], view[chosen], face[chosen])
+        placed += centres[state[chosen]][:, None]
+        groups = group[chosen]
+        distance = separation_mm(piece, placed, groups, enough_mm, bound[chosen])
+        np.minimum.at(flat, groups, distance)
+    return found
+
+
+def _bounds(
+    views: Views,
+    start: int,
+    step: int,
+    piece: Piece,
+    triangles: FloatArray,
+    centres: FloatArray,
+    enough_mm: float,
+) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """States, views and triangles that are not known to be far enough, and lower bounds in mm."""
+    block = views.some(slice(start, start + step))
+    pose, view, face = _near(block, piece, triangles, centres, enough_mm)
+    # Directions are tried at the middle state; from there their bounds are linear.
+    middle = (centres.min(axis=0) + centres.max(axis=0)) / 2
+    in_camera = _in_camera(block, triangles, pose, view, face)
+    directions, gaps = directions_apart(piece, in_camera + middle)
+    shift = centres - middle
+    if block.positions_mm.shape[1] > 1:
+        bound = (gaps + np.einsum("ckj,kj->ck", directions, shift[pose])).max(axis=0)
+        kept = bound < enough_mm
+        return pose[kept], view[kept] + start, face[kept], bound[kept]
+    highest = np.full((len(centres), len(view)), -np.inf)
+    for direction, gap in zip(directions, gaps, strict=True):
+        np.maximum(highest, shift @ direction.T + gap, out=highest)
+    state, pair = np.nonzero(highest < enough_mm)
+    return state, view[pair] + start, face[pair], highest[state, pair]
+
+
 def _near(
     views: Views, piece: Piece, triangles: FloatArray, centres: FloatArray, enough_mm: float
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Poses, triangles and viewpoints that may be nearer to a piece than what is enough.
+    """Poses, viewpoints and triangles that may be nearer to a piece than what is enough.
 
     The piece, sweeping along the axis through all states, is held in a cylinder about the axis, the
     triangle in a ball. Most views end here.
@@ -155,48 +209,16 @@ def _near(
     pose, face, view = np.nonzero(
         sideways**2 + ahead**2 < ((enough_mm + radii) ** 2)[None, :, None]
     )
-    return pose, face, view
+    return pose, view, face
 
 
-def _measure(
-    views: Views,
-    piece: Piece,
-    triangles: FloatArray,
-    centres: FloatArray,
-    enough_mm: float,
-    pose: IntArray,
-    face: IntArray,
-    view: IntArray,
-    found: FloatArray,
-) -> None:
-    """Lower what was found to the distance of a piece from K triangles, each at its states."""
+def _in_camera(
+    views: Views, triangles: FloatArray, state: IntArray, view: IntArray, face: IntArray
+) -> FloatArray:
+    """(K, 3, 3) triangles in the frame of the camera at views."""
+    pose = state if views.positions_mm.shape[1] > 1 else np.zeros_like(state)
     away = triangles[face] - views.positions_mm[view, pose][:, None]
-    in_camera = away @ views.rotations[view, pose]
-    # Directions are tried at the middle state; from there their bounds are linear.
-    middle = (centres.min(axis=0) + centres.max(axis=0)) / 2
-    directions, gaps = directions_apart(piece, in_camera + middle)
-    if views.positions_mm.shape[1] > 1:
-        shift = (centres - middle)[pose]
-        bound = (gaps + np.einsum("ckj,kj->ck", directions, shift)).max(axis=0)
-        pair, state = np.arange(len(pose)), pose
-    else:
-        bound = np.full((len(pose), len(centres)), -np.inf)
-        for direction, gap in zip(directions, gaps, strict=True):
-            np.maximum(bound, gap[:, None] + direction @ (centres - middle).T, out=bound)
-        pair, state = np.nonzero(bound < enough_mm)
-        bound = bound[pair, state]
-    group = state * found.shape[1] + view[pair]
-    flat = found.reshape(-1)
-    # First what seems to be nearest in each view; the others only where they may be nearer still.
-    order = np.lexsort((bound, group))
-    first = np.ones(len(order), dtype=bool)
-    first[1:] = group[order][1:] != group[order][:-1]
-    for chosen in (order[first], order[~first]):
-        chosen = chosen[bound[chosen] < np.minimum(flat[group[chosen]], enough_mm)]
-        placed = in_camera[pair[chosen]] + centres[state[chosen]][:, None]
-        _, groups = np.unique(group[chosen], return_inverse=True)
-        distance = separation_mm(piece, placed, groups, enough_mm, bound[chosen])
-        np.minimum.at(flat, group[chosen], distance)
+    return np.asarray(away @ views.rotations[view, pose])
 
 
 def _balls(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -33,6 +33,11 @@ class Unvignetted:
         """``unvignetted``."""
         return "unvignetted"
 
+    @property
+    def judges_all_at_once(self) -> bool:
+        """True: the few views near to the boundary are worked on together."""
+        return True
+
     def margin(self, views: Views) -> Margin:
         """Judge views.
 

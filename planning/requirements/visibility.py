@@ -40,6 +40,11 @@ class Visibility:
         """``visibility``."""
         return "visibility"
 
+    @property
+    def judges_all_at_once(self) -> bool:
+        """True: the region is asked once for all projection centres."""
+        return True
+
     def margin(self, views: Views) -> Margin:
         """Judge views.
 

