@@ -25,7 +25,8 @@ _PAIRS_AT_ONCE: Final = 100_000
 class Unvignetted:
     """The disk of the entrance pupil lies in the visibility region.
 
-    The disk is perpendicular to the optical axis, about the projection centre.
+    The disk is perpendicular to the optical axis, about the projection centre. The region ends
+    where the workspace does, and so must the disk.
     """
 
     @property
