@@ -23,7 +23,7 @@ from lenscal.camera import Camera
 from lenscal.sensor import Sensor
 from planning.camera_body import CameraBody
 from planning.enclosure import example_part
-from planning.judge import judge
+from planning.judgement import judge
 from planning.lens_states import LensStates
 from planning.requirements.clearance import Clearance
 from planning.requirements.depth_of_field import DepthOfField

@@ -33,7 +33,7 @@ _HOMES: Final = {
     "admissible_settings": "planning.settings",
     "box_workspace": "planning.solid",
     "example_part": "planning.enclosure",
-    "judge": "planning.judge",
+    "judge": "planning.judgement",
     "object_distance_bounds_mm": "planning.settings",
     "plan": "planning.planner",
     "verify_viewpoint": "planning.verify",

@@ -21,7 +21,7 @@ from lenscal.document import write_document
 from lenscal.pose import Pose
 from planning.choices import COLUMNS, choose_settings
 from planning.fixed_lens import FixedLens
-from planning.judge import judge
+from planning.judgement import judge
 from planning.lens_states import LensStates
 from planning.requirements.magnification import bounding, image_axis
 from planning.scene import Scene

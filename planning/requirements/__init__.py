@@ -2,5 +2,5 @@
 
 `margin` holds the record and what a requirement is; `magnification` what requirements leave of d/D
 for the orthogonal view of the paper. All judge `planning.views.Views`; many judge them at once in
-`planning.judge.judge`.
+`planning.judgement.judge`.
 """

@@ -14,7 +14,7 @@ from lenscal.errors import InputError, PlanningError
 from lenscal.pose import Pose
 from lenscal.sensor import Sensor
 from planning.fixed_lens import FixedLens
-from planning.judge import judge
+from planning.judgement import judge
 from planning.lens_states import LensStates
 from planning.requirements.depth_of_field import DepthOfField
 from planning.requirements.field_of_view import FieldOfView
