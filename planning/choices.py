@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from lenscal.arrays import FloatArray
-from planning.settings import AdmissibleSettings, FixedLens
+from planning.fixed_lens import FixedLens
+from planning.settings import AdmissibleSettings
 
 if TYPE_CHECKING:
     from lenscal.maps.lens_map import LensMap

@@ -11,7 +11,7 @@ from lenscal.maps.lens_map import LensMap
 from lenscal.plots.maps import draw_contours, draw_limits
 from planning.planner import Plan
 from planning.plots import plot_plan, plot_section
-from planning.requirements.margin import required_magnification
+from planning.requirements.magnification import required_magnification
 
 #: File name of each figure of the map, and what it shows.
 MAP_FIGURES: Final = {

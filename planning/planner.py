@@ -20,11 +20,15 @@ from lenscal.camera import Camera
 from lenscal.document import write_document
 from lenscal.pose import Pose
 from planning.choices import COLUMNS, choose_settings
-from planning.requirements.margin import image_axis
+from planning.fixed_lens import FixedLens
+from planning.judgement import judge
+from planning.lens_states import LensStates
+from planning.requirements.magnification import bounding, image_axis
 from planning.scene import Scene
-from planning.settings import AdmissibleSettings, FixedLens, admissible_settings
+from planning.settings import AdmissibleSettings, admissible_settings
 from planning.task import Task
 from planning.viewpoints import Arc, Ring, visible_arcs
+from planning.views import Subject, Views
 from planning.visibility.methods import visibility_region
 from planning.visibility.region import Region
 
@@ -54,7 +58,7 @@ class Plan:
     ring
         The directions of the orthogonal case.
     viewpoints
-        One row per viewpoint, the most robust first. zoom, focus; magnification,
+        One row per viewpoint, the most robust first. zoom, focus, iris; magnification,
         object_distance_mm, image_distance_mm, nodal_offset_mm, standoff_mm; x_mm, y_mm, z_mm of
         the projection centre and rotation_x, rotation_y, rotation_z (rotation vector in radians) of
         part_from_camera;
@@ -194,8 +198,9 @@ def plan(
         why = f"visibility: {region.why_empty}"
         return Plan(task, lens, scene, settings, region, ring, nothing, safety, why)
     choices = choose_settings(settings, settings_tried)
+    subject = Subject(task.target, task.seen_feature, scene, region)
     seen = [
-        _viewpoint(task, lens, ring, choice, arc)
+        _viewpoint(task, lens, ring, choice, arc, subject)
         for _, choice in choices.iterrows()
         for arc in visible_arcs(region, ring, float(choice["object_distance_mm"]))
     ]
@@ -206,7 +211,12 @@ def plan(
 
 
 def _viewpoint(
-    task: Task, lens: LensMap | FixedLens, ring: Ring, choice: pd.Series[float], arc: Arc
+    task: Task,
+    lens: LensMap | FixedLens,
+    ring: Ring,
+    choice: pd.Series[float],
+    arc: Arc,
+    subject: Subject,
 ) -> dict[str, float]:
     distance = float(choice["object_distance_mm"])
     position = ring.positions(distance, np.array(arc.deepest))
@@ -216,25 +226,41 @@ def _viewpoint(
     names = ("rotation_x", "rotation_y", "rotation_z")
     row |= dict(zip(names, map(float, pose.rotation_vector), strict=True))
     row["angle"] = arc.deepest
-    row |= _margins(task, _camera(lens, choice), pose.inverse(), row["magnification"])
+    row |= _margins(task, Views.of(pose, _states(lens, choice), subject), row["magnification"])
     row["visibility_margin_mm"] = arc.depth_mm
     shares = [row[name] for name in _margin_names(task)] + [arc.depth_mm / distance]
-    # A margin that cannot be computed, of a feature that is not in front, is no margin.
-    row["smallest_margin"] = float(np.min(np.nan_to_num(shares, nan=-np.inf)))
+    row["smallest_margin"] = float(np.min(shares))
     return row
 
 
-def _margins(
-    task: Task, camera: Camera, camera_from_part: Pose, magnification: float
-) -> dict[str, float]:
-    """The smallest margin of each kind of requirement: by d/D as in the paper, and in the image."""
-    margins: dict[str, float] = {}
-    for requirement in task.requirements:
-        by_ratio = requirement.margin(magnification, camera.sensor)
-        in_image = requirement.image_margin(camera, camera_from_part, task.seen_feature.vertices_mm)
-        name = f"{requirement.name}_margin"
-        values = (margins.get(name, np.inf), float(by_ratio.value), float(in_image.value))
-        margins[name] = float(np.min(values))
+def _states(lens: LensMap | FixedLens, choice: pd.Series[float]) -> LensStates:
+    """The setting at every iris whose entrance pupil is on record."""
+    if isinstance(lens, FixedLens):
+        return LensStates.of_fixed(lens, choice["object_distance_mm"])
+    irises = None if lens.pupil is None or len(lens.pupil.irises) == 1 else lens.pupil.irises
+    count = 1 if irises is None else len(irises)
+    zoom, focus = np.full(count, choice["zoom"]), np.full(count, choice["focus"])
+    return LensStates.of_map(lens, zoom, focus, irises)
+
+
+def _margins(task: Task, views: Views, magnification: float) -> dict[str, float]:
+    """The smallest share of each kind of requirement, at the iris that is best for all of them.
+
+    By d/D as in the paper, and in the view as it is.
+    """
+    judgement = judge(task.requirements, views)
+    best = int(np.argmax(judgement.smallest_share[0]))
+    iris = views.states.iris
+    margins: dict[str, float] = {"iris": np.nan if iris is None else float(iris[best])}
+    in_view = [float(margin.share[0, best]) for margin in judgement.margins]
+    by_ratio = [
+        (r.name, float(r.orthogonal_margin(magnification, views.states.sensor).share))
+        for r in bounding(task.requirements)
+    ]
+    named = [*zip((r.name for r in task.requirements), in_view, strict=True), *by_ratio]
+    for name, share in named:
+        column = f"{name}_margin"
+        margins[column] = min(margins.get(column, np.inf), share)
     return margins
 
 
@@ -245,6 +271,7 @@ def _margin_names(task: Task) -> list[str]:
 def _table(task: Task, rows: Sequence[dict[str, float]]) -> pd.DataFrame:
     columns = [
         *COLUMNS,
+        "iris",
         *("x_mm", "y_mm", "z_mm", "rotation_x", "rotation_y", "rotation_z", "angle"),
         *_margin_names(task),
         *("visibility_margin_mm", "smallest_margin"),
@@ -257,8 +284,8 @@ def _why_none(task: Task, ring: Ring, choices: pd.DataFrame, seen: pd.DataFrame)
     distances = choices["object_distance_mm"]
     span = f"{distances.min():.1f} to {distances.max():.1f} mm"
     if len(seen):
-        # NaN is the margin of what the camera cannot image at all.
-        best = seen[_margin_names(task)].max().fillna(-1.0)
+        # What the camera cannot image at all lacks everything.
+        best = seen[_margin_names(task)].max().clip(lower=-1.0)
         blocking = str(best.idxmin())
         return (
             f"{blocking.removesuffix('_margin')}: the target is seen at D from {span}, but "

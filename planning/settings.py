@@ -7,49 +7,36 @@ settings, and the map of D over that area gives the object distances (section 1.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from lenscal import optics
-from lenscal.arrays import BoolArray, FloatArray, positive
+from lenscal.arrays import BoolArray
 from lenscal.errors import InputError, PlanningError
 from lenscal.sensor import Sensor
-from planning.requirements.margin import Requirement, contradiction, required_magnification
-from planning.setting_area import Bounds, SettingPolygon, trace_area
+from planning.fixed_lens import FixedLens
+from planning.requirements.magnification import (
+    Stated,
+    bounding,
+    contradiction,
+    required_magnification,
+)
+from planning.requirements.margin import BoundsObjectDistance
+from planning.setting_area import (
+    Bounds,
+    MagnificationGrid,
+    Quantity,
+    SettingPolygon,
+    extremes,
+    trace_area,
+)
 
 if TYPE_CHECKING:
+    from lenscal.maps.contours import SettingCurve
     from lenscal.maps.lens_map import LensMap
-
-#: Nodes per side of the grid on which the area between the contours is traced.
-_GRID: Final = 201
-
-
-@dataclass(frozen=True, slots=True)
-class FixedLens:
-    """A lens of one focal length.
-
-    Parameters
-    ----------
-    focal_length_mm
-        The perspective focal length f of (3a) in mm.
-    sensor
-        The sensor behind it.
-
-    Raises
-    ------
-    InputError
-        When the focal length is not positive.
-    """
-
-    focal_length_mm: float
-    sensor: Sensor
-
-    def __post_init__(self) -> None:
-        positive("focal_length_mm", self.focal_length_mm, "mm")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,8 +55,7 @@ class AdmissibleSettings:
         The same of D − offset; None also for a fixed lens, and for a map that was
         made without robot poses.
     polygons
-        The area. Where the domain of the map is not a rectangle, its border is followed from
-        inside, to within a cell of 1/200 of its range.
+        The area; its border follows the contours of d/D and the outline of the domain exactly.
     why_empty
         A sentence that names what makes it impossible; empty when there are settings.
     """
@@ -111,9 +97,43 @@ class AdmissibleSettings:
         inside: BoolArray = (magnification >= low) & (magnification <= high)
         return inside
 
+    def along(self, quantity: str, level: float) -> list[SettingCurve]:
+        """Restrict the settings to a contour, such as f = 5 in of the paper's 1.5.3.3.
+
+        Parameters
+        ----------
+        quantity
+            What is to be constant, one of the map's quantities.
+        level
+            Its value, in its unit.
+
+        Returns
+        -------
+        list of SettingCurve
+            The pieces of the contour within the area, with every quantity along them; none when it
+            never enters the area.
+
+        Raises
+        ------
+        InputError
+            For a fixed lens, and for a level that the map does not reach.
+        """
+        if isinstance(self.lens, FixedLens):
+            raise InputError("a fixed lens has no zoom and focus settings; ask for a lens map's")
+        if self.is_empty:
+            return []
+        return [
+            piece
+            for curve in self.lens.contour(quantity, level)
+            for piece in curve.within("magnification", *self.magnification_bounds)
+        ]
+
 
 def object_distance_bounds_mm(
-    focal_length_mm: float, sensor: Sensor, requirements: Sequence[Requirement]
+    focal_length_mm: float,
+    sensor: Sensor,
+    requirements: Stated,
+    entrance_pupil_diameter_mm: float | None = None,
 ) -> Bounds:
     """Solve for the object distances of a fixed lens, (4a) and (8a).
 
@@ -124,7 +144,9 @@ def object_distance_bounds_mm(
     sensor
         The sensor.
     requirements
-        Resolution bounds D from above, field of view from below.
+        Resolution bounds D from above, field of view and depth of field from below.
+    entrance_pupil_diameter_mm
+        a in mm, which depth of field needs.
 
     Returns
     -------
@@ -136,19 +158,16 @@ def object_distance_bounds_mm(
     PlanningError
         When the requirements contradict each other.
     """
-    positive("focal_length_mm", focal_length_mm, "mm")
-    why = contradiction(requirements, sensor)
-    if why:
-        raise PlanningError(why)
-    low, high = required_magnification(requirements, sensor)
-    nearest = float(optics.object_distance_mm(high, focal_length_mm))
-    farthest = float(optics.object_distance_mm(low, focal_length_mm)) if low > 0 else float("inf")
-    return nearest, farthest
+    lens = FixedLens(focal_length_mm, sensor, entrance_pupil_diameter_mm)
+    found = admissible_settings(lens, requirements)
+    if found.object_distance_bounds_mm is None:
+        raise PlanningError(found.why_empty)
+    return found.object_distance_bounds_mm
 
 
 def admissible_settings(
     lens: LensMap | FixedLens,
-    requirements: Sequence[Requirement],
+    requirements: Stated,
     sensor: Sensor | None = None,
     safety: float = 0.0,
 ) -> AdmissibleSettings:
@@ -163,7 +182,7 @@ def admissible_settings(
     sensor
         The sensor, where the lens map was made without one; None for the map's own.
     safety
-        By which share of itself each limit on d/D is kept.
+        By which share of itself each limit on d/D, and on D, is kept.
 
     Returns
     -------
@@ -181,13 +200,36 @@ def admissible_settings(
     if why:
         return AdmissibleSettings(lens, limits, why_empty=why)
     if isinstance(lens, FixedLens):
-        low, high = limits
-        nearest = float(optics.object_distance_mm(high, lens.focal_length_mm))
-        farthest = float("inf")
-        if low > 0:
-            farthest = float(optics.object_distance_mm(low, lens.focal_length_mm))
-        return AdmissibleSettings(lens, limits, (nearest, farthest))
+        return _of_fixed(lens, requirements, limits, safety)
     return _from_map(lens, sensor, requirements, limits)
+
+
+def _of_fixed(
+    lens: FixedLens, requirements: Stated, limits: Bounds, safety: float
+) -> AdmissibleSettings:
+    low, high = limits
+    nearest = float(optics.object_distance_mm(high, lens.focal_length_mm))
+    farthest = float(optics.object_distance_mm(low, lens.focal_length_mm)) if low > 0 else np.inf
+    for requirement in requirements:
+        if not isinstance(requirement, BoundsObjectDistance):
+            continue
+        own = requirement.object_distance_bounds_mm(lens)[0] * (1 + safety)
+        if own > farthest:
+            demanding = max(
+                bounding(requirements), key=lambda r: r.magnification_bounds(lens.sensor)
+            )
+            return AdmissibleSettings(
+                lens,
+                limits,
+                why_empty=(
+                    f"the requirements contradict each other with this lens: "
+                    f"{demanding.describe(lens.sensor)} needs D of at most {farthest:.1f} mm, and "
+                    f"{requirement.describe(lens.sensor)} at least {own:.1f} mm; close the iris, "
+                    "or relax one of them"
+                ),
+            )
+        nearest = max(nearest, own)
+    return AdmissibleSettings(lens, limits, (nearest, farthest))
 
 
 def _agreed_sensor(of_lens: Sensor | None, stated: Sensor | None) -> Sensor:
@@ -206,36 +248,35 @@ def _agreed_sensor(of_lens: Sensor | None, stated: Sensor | None) -> Sensor:
 
 
 def _from_map(
-    lens: LensMap, sensor: Sensor, requirements: Sequence[Requirement], limits: Bounds
+    lens: LensMap, sensor: Sensor, requirements: Stated, limits: Bounds
 ) -> AdmissibleSettings:
-    zoom = np.linspace(*lens.domain.zoom, _GRID)
-    focus = np.linspace(*lens.domain.focus, _GRID)
-    ratio = lens.magnification(*np.meshgrid(zoom, focus), outside="nan")
-    reached = float(np.nanmin(ratio)), float(np.nanmax(ratio))
+    grid = MagnificationGrid.over(lens)
+    reached = grid.reached
     if limits[0] > reached[1] or limits[1] < reached[0]:
         return AdmissibleSettings(
             lens, limits, why_empty=_out_of_reach(sensor, requirements, limits, reached)
         )
-    polygons = trace_area(lens, zoom, focus, ratio, limits)
-    inside = np.argwhere((ratio >= limits[0]) & (ratio <= limits[1]))
-    settings = np.concatenate(
-        [np.stack([zoom[inside[:, 1]], focus[inside[:, 0]]], axis=-1)]
-        + [ring for p in polygons for ring in (p.outline, *p.holes)]
+    polygons = trace_area(grid, limits)
+
+    def bounds(quantity: Quantity) -> Bounds:
+        return extremes(grid, polygons, quantity, limits)
+
+    return AdmissibleSettings(
+        lens,
+        limits,
+        bounds(lens.object_distance_mm),
+        bounds(lens.standoff_mm) if lens.has_standoff else None,
+        polygons,
     )
-    distance = lens.object_distance_mm(*settings.T, outside="nan")
-    standoff = _range(lens.standoff_mm(*settings.T, outside="nan")) if lens.has_standoff else None
-    return AdmissibleSettings(lens, limits, _range(distance), standoff, polygons)
 
 
-def _out_of_reach(
-    sensor: Sensor, requirements: Sequence[Requirement], limits: Bounds, reached: Bounds
-) -> str:
+def _out_of_reach(sensor: Sensor, requirements: Stated, limits: Bounds, reached: Bounds) -> str:
     too_demanding = limits[0] > reached[1]
     if too_demanding:
-        blocking = max(requirements, key=lambda r: r.magnification_bounds(sensor)[0])
+        blocking = max(bounding(requirements), key=lambda r: r.magnification_bounds(sensor)[0])
         missing = limits[0] / reached[1] - 1
     else:
-        blocking = min(requirements, key=lambda r: r.magnification_bounds(sensor)[1])
+        blocking = min(bounding(requirements), key=lambda r: r.magnification_bounds(sensor)[1])
         missing = 1 - limits[1] / reached[0]
     direction = "higher" if too_demanding else "lower"
     return (
@@ -243,7 +284,3 @@ def _out_of_reach(
         f"from {reached[0]:.4f} to {reached[1]:.4f}, and {missing:.1%} {direction} is needed; "
         "relax that requirement or calibrate more of the lens"
     )
-
-
-def _range(values: FloatArray) -> Bounds:
-    return float(np.nanmin(values)), float(np.nanmax(values))

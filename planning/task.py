@@ -10,7 +10,8 @@ import numpy as np
 
 from lenscal.document import digest
 from lenscal.errors import PlanningError
-from planning.requirements.margin import Requirement, image_axis
+from planning.requirements.magnification import image_axis
+from planning.requirements.margin import Requirement
 from planning.solid import Solid
 from planning.target import Target
 
@@ -85,7 +86,7 @@ class Task:
             "target_mm": self.target.vertices_mm.tolist(),
             "feature_mm": self.seen_feature.vertices_mm.tolist(),
             "requirements": [
-                {"kind": r.name, **{f: getattr(r, f) for f in getattr(r, "__slots__", ())}}
+                {"kind": r.name, **{f: _plain(getattr(r, f)) for f in getattr(r, "__slots__", ())}}
                 for r in self.requirements
             ],
             "workspace": {
@@ -99,3 +100,8 @@ class Task:
     def digest(self) -> str:
         """SHA-256 of all that the task says, in hexadecimal."""
         return digest(self.to_dict())
+
+
+def _plain(value: Any) -> Any:
+    """Give a parameter of a requirement as JSON can hold it."""
+    return value.to_dict() if hasattr(value, "to_dict") else value

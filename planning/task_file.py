@@ -21,30 +21,49 @@ Every length carries its unit, or is refused::
     kind = "field_of_view"
     length = "1 in"
     axis = "x"
+
+    [[requirements]]
+    kind = "depth_of_field"
+    depth = "2 mm"
+    blur = "1.5 px"
+    wavelength = "550 nm"            # left out: without diffraction
+
+    [[requirements]]
+    kind = "incidence"
+    max_angle = "40 deg"
+
+    [[requirements]]
+    kind = "clearance"
+    distance = "10 mm"
+    cylinders = [{ start = "-100 mm", end = "235 mm", radius = "30 mm" }]   # z along the axis
+    meshes = [{ file = "housing.stl", unit = "mm" }]
+
+    [[requirements]]
+    kind = "unvignetted"
+
+    [[requirements]]
+    kind = "visibility"
+    distance = "2 mm"
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from lenscal.handwritten import Handwritten, LengthMm, PositiveLengthMm, load_toml
-from lenscal.sensor import Axis
-from planning.requirements.field_of_view import FieldOfView
-from planning.requirements.resolution import Resolution
+from lenscal.handwritten import Handwritten, load_toml
+from planning.fixed_lens import FixedLens
+from planning.requirement_specs import PointMm, RequirementSpec, requirement
 from planning.scene import Scene
-from planning.settings import FixedLens
 from planning.solid import box_workspace
 from planning.target import Target
 from planning.task import Task
 
 if TYPE_CHECKING:
     from lenscal.maps.lens_map import LensMap
-
-PointMm = tuple[LengthMm, LengthMm, LengthMm]
 
 
 class TargetSpec(Handwritten):
@@ -115,48 +134,6 @@ class WorkspaceSpec(Handwritten):
     high: PointMm
 
 
-class ResolutionSpec(Handwritten):
-    """A `Resolution` as it is written.
-
-    Parameters
-    ----------
-    kind
-        ``"resolution"``.
-    pixels
-        How many samples.
-    length
-        The length that they must cover.
-    axis
-        The image axis.
-    """
-
-    kind: Literal["resolution"]
-    pixels: float = Field(gt=0)
-    length: PositiveLengthMm
-    axis: Axis = "any"
-
-
-class FieldOfViewSpec(Handwritten):
-    """A `FieldOfView` as it is written.
-
-    Parameters
-    ----------
-    kind
-        ``"field_of_view"``.
-    length
-        The length that must fit.
-    axis
-        The image axis.
-    """
-
-    kind: Literal["field_of_view"]
-    length: PositiveLengthMm
-    axis: Axis = "any"
-
-
-RequirementSpec = Annotated[ResolutionSpec | FieldOfViewSpec, Field(discriminator="kind")]
-
-
 class TaskFile(Handwritten):
     """What ``task.toml`` may say.
 
@@ -189,13 +166,15 @@ class TaskFile(Handwritten):
     workspace: WorkspaceSpec
     requirements: list[RequirementSpec] = Field(min_length=1)
 
-    def build(self, scene: Scene) -> Task:
+    def build(self, scene: Scene, folder: Path = Path()) -> Task:
         """Make the task.
 
         Parameters
         ----------
         scene
             The part, in which the target is looked up.
+        folder
+            Where the files that it names are.
 
         Returns
         -------
@@ -205,9 +184,8 @@ class TaskFile(Handwritten):
         target = self.target.build(scene)
         feature = None if self.feature is None else Target(np.array(self.feature))
         workspace = box_workspace(self.workspace.low, self.workspace.high)
-        return Task(
-            target, feature, [_requirement(r) for r in self.requirements], workspace, self.name
-        )
+        requirements = [requirement(spec, folder) for spec in self.requirements]
+        return Task(target, feature, requirements, workspace, self.name)
 
 
 def load_task(path: Path | str) -> tuple[Task, LensMap | FixedLens, Scene]:
@@ -239,10 +217,4 @@ def load_task(path: Path | str) -> tuple[Task, LensMap | FixedLens, Scene]:
     path = Path(path)
     spec = load_toml(path, TaskFile, "task")
     scene = Scene.load(path.parent / spec.part, spec.unit)
-    return spec.build(scene), LensMap.load(path.parent / spec.lens), scene
-
-
-def _requirement(spec: ResolutionSpec | FieldOfViewSpec) -> Resolution | FieldOfView:
-    if isinstance(spec, ResolutionSpec):
-        return Resolution(spec.pixels, spec.length, spec.axis)
-    return FieldOfView(spec.length, spec.axis)
+    return spec.build(scene, path.parent), LensMap.load(path.parent / spec.lens), scene

@@ -1,1 +1,6 @@
-"""What an image of the feature must satisfy: one file and one record per requirement."""
+"""What a view must satisfy: one file per requirement, each giving the same record of margins.
+
+`margin` holds the record and what a requirement is; `magnification` what requirements leave of d/D
+for the orthogonal view of the paper. All judge `planning.views.Views`; many judge them at once in
+`planning.judgement.judge`.
+"""

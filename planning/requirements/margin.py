@@ -1,18 +1,19 @@
-"""What every requirement says about a viewpoint, and what every requirement can be asked."""
+"""What every requirement says about views, and what every requirement can be asked."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import numpy as np
 import numpy.typing as npt
 
 from lenscal.arrays import FloatArray
-from lenscal.camera import Camera
-from lenscal.errors import PlanningError
-from lenscal.pose import Pose
 from lenscal.sensor import Axis, Sensor
+from planning.fixed_lens import FixedLens
+from planning.half_spaces import HalfSpaces
+from planning.lens_states import LensStates
+from planning.views import Subject, Views
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,21 +23,68 @@ class Margin:
     Parameters
     ----------
     value
-        (...) positive: satisfied, zero: just so, negative: not.
+        (V, S) positive: satisfied, zero: just so, negative: not; −inf where the view cannot be had
+        at all, because the feature is not in front of the camera.
     unit
-        Unit of the value; "1" for a share of the limit.
+        Unit of the value.
+    share
+        (V, S) the same as a share of what is asked, with the same sign: what margins of different
+        requirements are compared by.
     binds
         What binds, in words.
     """
 
     value: FloatArray
     unit: str
+    share: FloatArray
     binds: str
+
+    @property
+    def holds(self) -> npt.NDArray[np.bool_]:
+        """(V, S) whether the requirement is satisfied, the limit included."""
+        return np.asarray(self.value >= 0)
 
 
 @runtime_checkable
 class Requirement(Protocol):
-    """A requirement on the image of a feature."""
+    """Anything that a view must satisfy."""
+
+    @property
+    def name(self) -> str:
+        """Short name, as in the columns of a plan."""
+
+    def margin(self, views: Views) -> Margin:
+        """Judge views with the whole camera model: distortion, principal point, any direction.
+
+        Parameters
+        ----------
+        views
+            V × S views.
+
+        Returns
+        -------
+        Margin
+            (V, S).
+        """
+
+    def describe(self, sensor: Sensor) -> str:
+        """Say what is asked, and what it means for d/D where it does.
+
+        Parameters
+        ----------
+        sensor
+            The sensor.
+
+        Returns
+        -------
+        str
+            Such as "resolution of 3 px on 0.254 mm along x (d/D ≥ 0.1919)".
+        """
+
+
+@runtime_checkable
+class BoundsMagnification(Protocol):
+    """A requirement that bounds d/D of an orthogonal, centred view, as (9) and (11) do."""
 
     @property
     def name(self) -> str:
@@ -60,8 +108,8 @@ class Requirement(Protocol):
             Bounds on d/D; 0 and infinity where there is none.
         """
 
-    def margin(self, magnification: npt.ArrayLike, sensor: Sensor) -> Margin:
-        """Judge magnifications, for an orthogonal, centred view.
+    def orthogonal_margin(self, magnification: npt.ArrayLike, sensor: Sensor) -> Margin:
+        """Judge magnifications, for an orthogonal, centred view without distortion.
 
         Parameters
         ----------
@@ -73,27 +121,7 @@ class Requirement(Protocol):
         Returns
         -------
         Margin
-            (...) relative to the limit.
-        """
-
-    def image_margin(
-        self, camera: Camera, camera_from_part: Pose, feature_mm: FloatArray
-    ) -> Margin:
-        """Judge one view with the whole camera model: distortion, principal point, any direction.
-
-        Parameters
-        ----------
-        camera
-            The camera.
-        camera_from_part
-            Its pose.
-        feature_mm
-            (N, 3) corners of the feature in the part's frame in mm.
-
-        Returns
-        -------
-        Margin
-            One value relative to the limit.
+            (...), a share of the limit.
         """
 
     def describe(self, sensor: Sensor) -> str:
@@ -111,83 +139,87 @@ class Requirement(Protocol):
         """
 
 
-def required_magnification(
-    requirements: Sequence[Requirement], sensor: Sensor, safety: float = 0.0
-) -> tuple[float, float]:
-    """Combine the bounds that all requirements put on d/D, (9) and (11).
+@runtime_checkable
+class BoundsObjectDistance(Protocol):
+    """A requirement that bounds D of a fixed lens in an orthogonal, centred view by itself."""
+
+    def object_distance_bounds_mm(self, lens: FixedLens) -> tuple[float, float]:
+        """Give the nearest and farthest D at which an orthogonal, centred view satisfies it.
+
+        Parameters
+        ----------
+        lens
+            The lens.
+
+        Returns
+        -------
+        tuple of float
+            In mm; the focal length and infinity where there is none.
+        """
+
+    def describe(self, sensor: Sensor) -> str:
+        """Say what is asked.
+
+        Parameters
+        ----------
+        sensor
+            The sensor.
+
+        Returns
+        -------
+        str
+            A few words.
+        """
+
+
+@runtime_checkable
+class Polyhedral(Protocol):
+    """A requirement that, for fixed directions of the camera, is half-spaces of positions."""
+
+    def half_spaces(self, rotation: FloatArray, states: LensStates, subject: Subject) -> HalfSpaces:
+        """Give the half-spaces that the projection centre must lie in.
+
+        Parameters
+        ----------
+        rotation
+            (3, 3) of part_from_camera.
+        states
+            One lens state.
+        subject
+            What is looked at.
+
+        Returns
+        -------
+        HalfSpaces
+            Whatever lies in all of them satisfies the requirement.
+        """
+
+
+def margin_over(
+    views: Views, value: FloatArray, unit: str, share: FloatArray, binds: str
+) -> Margin:
+    """Bring what was computed with viewpoints innermost into a margin.
 
     Parameters
     ----------
-    requirements
-        All of them.
-    sensor
-        The sensor.
-    safety
-        By which share of itself each bound is tightened.
+    views
+        The views.
+    value, share
+        (S or 1, V); NaN becomes −inf.
+    unit
+        Unit of the value.
+    binds
+        What binds, in words.
 
     Returns
     -------
-    tuple of float
-        Lowest and highest d/D; the lowest is above the highest when they contradict each other.
+    Margin
+        (V, S), read-only.
     """
-    bounds = [requirement.magnification_bounds(sensor) for requirement in requirements]
-    low = max((b[0] for b in bounds), default=0.0)
-    high = min((b[1] for b in bounds), default=float("inf"))
-    return low * (1 + safety), high * (1 - safety)
-
-
-def contradiction(requirements: Sequence[Requirement], sensor: Sensor, safety: float = 0.0) -> str:
-    """Say which two requirements no lens can satisfy together.
-
-    Parameters
-    ----------
-    requirements
-        All of them.
-    sensor
-        The sensor.
-    safety
-        By which share of itself each bound is tightened.
-
-    Returns
-    -------
-    str
-        A sentence, empty when there is none.
-    """
-    low, high = required_magnification(requirements, sensor, safety)
-    if low <= high:
-        return ""
-    demanding = max(requirements, key=lambda r: r.magnification_bounds(sensor)[0])
-    limiting = min(requirements, key=lambda r: r.magnification_bounds(sensor)[1])
-    kept = f", each kept by {safety:.3g} of itself," if safety else ""
-    return (
-        f"the requirements contradict each other whatever the lens: {demanding.describe(sensor)} "
-        f"and {limiting.describe(sensor)}{kept} leave no d/D between them; ask for "
-        f"{1 - high / low:.1%} less resolution or see a smaller feature"
-    )
-
-
-def image_axis(requirements: Sequence[Requirement]) -> Axis:
-    """Tell along which image axis the feature has to lie.
-
-    Parameters
-    ----------
-    requirements
-        All of them.
-
-    Returns
-    -------
-    Axis
-        "x", "y", or "any" when none says.
-
-    Raises
-    ------
-    PlanningError
-        When one wants x and another y.
-    """
-    named: set[Axis] = {r.axis for r in requirements if r.axis != "any"}
-    if len(named) > 1:
-        raise PlanningError(
-            "one requirement is along x and another along y, but one feature cannot lie along "
-            "both; plan them as two tasks, or use axis 'any'"
-        )
-    return named.pop() if named else "any"
+    viewpoints, states = views.shape
+    arrays = []
+    for array in (value, share):
+        if np.isnan(array).any():
+            array = np.where(np.isnan(array), -np.inf, array)
+        arrays.append(np.broadcast_to(array, (states, viewpoints)).T)
+    return Margin(arrays[0], unit, arrays[1], binds)

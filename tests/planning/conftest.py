@@ -24,6 +24,7 @@ class Domain:
 
     zoom: tuple[float, float] = (90.0, 109.0)
     focus: tuple[float, float] = (40.0, 140.0)
+    is_rectangle: bool = True
 
     def contains(self, zoom, focus):
         zoom, focus = np.broadcast_arrays(zoom, focus)
@@ -45,6 +46,7 @@ class AnalyticLens:
     has_standoff: bool = True
     digest: str = "analytic"
     k1_per_mm2: float = 0.0
+    pupil: None = None
 
     def magnification(self, zoom, focus, outside="raise"):
         u, w = self._unit(zoom, focus, outside)

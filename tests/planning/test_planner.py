@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -11,12 +12,19 @@ import pytest
 from lenscal.camera import Camera
 from lenscal.document import read_document
 from lenscal.errors import PlanningError
+from lenscal.maps.lens_map import LensMap
 from lenscal.pose import Pose
+from planning.camera_body import CameraBody
 from planning.enclosure import example_part
+from planning.fixed_lens import FixedLens
 from planning.planner import plan
+from planning.requirements.clearance import Clearance
+from planning.requirements.depth_of_field import DepthOfField
 from planning.requirements.field_of_view import FieldOfView
+from planning.requirements.incidence import Incidence
 from planning.requirements.resolution import Resolution
-from planning.settings import FixedLens
+from planning.requirements.unvignetted import Unvignetted
+from planning.requirements.visibility import Visibility
 from planning.solid import box_workspace
 from planning.target import Target
 from planning.task import Task
@@ -102,6 +110,39 @@ def test_fixed_lens_is_planned_with_too(paper_task: Task, part, paper_sensor, tm
         found.camera(0), found.poses[0], part.target, part.feature, PAPER, part.scene
     )
     assert seen.satisfied
+
+
+def test_all_requirements_are_planned_with_together(part, paper_sensor, lens) -> None:
+    """The map of the demo knows its pupil; the lens stays clear, sharp and unvignetted."""
+    body = CameraBody.barrel(front_mm=235.0, radius_mm=20.0, length_mm=200.0)
+    requirements = [
+        *PAPER,
+        DepthOfField(1.0, 2.5),
+        Incidence(80),
+        Clearance(body, 5.0),
+        Unvignetted(),
+        Visibility(1.0),
+    ]
+    task = Task(part.target, part.feature, requirements, part.workspace)
+    lens_map = LensMap.load(Path(__file__).parents[2] / "data" / "vicon-1990" / "map.json")
+    found = plan(task, lens_map, part.scene, audit_points=200, settings_tried=5)
+    assert not found.why_empty
+    table = found.viewpoints
+    names = ("depth_of_field", "incidence", "clearance", "unvignetted", "visibility")
+    for name in names:
+        assert (table[f"{name}_margin"] >= 0).all()
+    assert (table["iris"] == 100).all()
+    assert (table["smallest_margin"] <= table[[f"{n}_margin" for n in names]].min(axis=1)).all()
+    blurred = replace(task, requirements=[*PAPER, DepthOfField(60.0, 0.5)])
+    why = plan(blurred, lens_map, part.scene, audit_points=200, settings_tried=3).why_empty
+    assert why.startswith("depth_of_field: the target is seen at D from")
+    with pytest.raises(PlanningError, match="need the entrance-pupil diameter"):
+        plan(blurred, lens, part.scene, audit_points=200, settings_tried=3)
+    fixed = FixedLens(127, paper_sensor, 4.0)
+    focused = replace(task, requirements=[*PAPER, DepthOfField(1.0, 2.5)])
+    seen = plan(focused, fixed, part.scene, audit_points=200, settings_tried=3)
+    assert (seen.viewpoints["depth_of_field_margin"] > 0).all()
+    assert seen.viewpoints["iris"].isna().all()
 
 
 def test_face_as_feature_is_seen_along_its_normal(lens, bench) -> None:

@@ -12,10 +12,23 @@ from lenscal.errors import InputError, PlanningError
 from lenscal.pose import Pose
 from lenscal.sensor import Sensor
 from planning.requirements.field_of_view import FieldOfView
-from planning.requirements.margin import contradiction, image_axis, required_magnification
+from planning.requirements.incidence import Incidence
+from planning.requirements.magnification import (
+    contradiction,
+    image_axis,
+    required_magnification,
+)
 from planning.requirements.resolution import Resolution
+from planning.target import Target
+from planning.views import Subject, Views
 
-INCH = np.array([[-12.7, 0, 0], [12.7, 0, 0]])
+INCH = Target.segment((-12.7, 0, 0), (12.7, 0, 0))
+
+
+def seen(requirement, camera: Camera, camera_from_part: Pose) -> float:
+    """Share of the margin of one view of the inch."""
+    pose = camera_from_part.inverse()
+    return float(requirement.margin(Views.through(camera, pose, Subject(INCH))).share[0, 0])
 
 
 def test_numbers_of_the_paper(paper_sensor: Sensor) -> None:
@@ -39,13 +52,14 @@ def test_unknown_roll_takes_the_smaller_side_and_the_coarser_pitch(paper_sensor:
 def test_margins_are_signed_shares_of_the_limit(paper_sensor: Sensor) -> None:
     resolution, view = Resolution(3, 0.254, "x"), FieldOfView(25.4, "x")
     limit = resolution.magnification_bounds(paper_sensor)[0]
-    margin = resolution.margin(np.array([0.9, 1.0, 1.2]) * limit, paper_sensor)
-    np.testing.assert_allclose(margin.value, [-0.1, 0, 0.2], atol=1e-12)
-    assert margin.unit == "1"
+    margin = resolution.orthogonal_margin(np.array([0.9, 1.0, 1.2]) * limit, paper_sensor)
+    np.testing.assert_allclose(margin.share, [-0.1, 0, 0.2], atol=1e-12)
+    np.testing.assert_allclose(margin.value, margin.share * limit)
+    assert margin.unit == "d/D"
     assert margin.binds == "resolution of 3 px on 0.254 mm along x (d/D ≥ 0.1919)"
     limit = view.magnification_bounds(paper_sensor)[1]
-    margin = view.margin(np.array([0.9, 1.0, 1.2]) * limit, paper_sensor)
-    np.testing.assert_allclose(margin.value, [0.1, 0, -0.2], atol=1e-12)
+    margin = view.orthogonal_margin(np.array([0.9, 1.0, 1.2]) * limit, paper_sensor)
+    np.testing.assert_allclose(margin.share, [0.1, 0, -0.2], atol=1e-12)
     assert margin.binds == "field of view of 25.4 mm along x (d/D ≤ 0.3275)"
 
 
@@ -57,9 +71,8 @@ def test_orthogonal_view_gives_the_same_margins_in_the_image(ratio: float, dista
     camera = Camera(sensor, ratio * distance)
     pose = Pose(np.eye(3), np.array([0, 0, distance]))
     for requirement in (Resolution(3, 0.254, "x"), Resolution(2, 0.5), FieldOfView(25.4, "x")):
-        ideal = requirement.margin(ratio, sensor).value
-        image = requirement.image_margin(camera, pose, INCH).value
-        assert image == pytest.approx(float(ideal), abs=1e-9)
+        ideal = requirement.orthogonal_margin(ratio, sensor).share
+        assert seen(requirement, camera, pose) == pytest.approx(float(ideal), abs=1e-9)
 
 
 def test_distortion_and_principal_point_cost_margin(paper_sensor: Sensor) -> None:
@@ -69,20 +82,23 @@ def test_distortion_and_principal_point_cost_margin(paper_sensor: Sensor) -> Non
         paper_sensor, 150.0, principal_point_px=paper_sensor.centre_px + np.array([10, 0])
     )
     view = FieldOfView(25.4, "x")
-    lost = view.image_margin(ideal, pose, INCH).value - view.image_margin(shifted, pose, INCH).value
+    lost = seen(view, ideal, pose) - seen(view, shifted, pose)
     assert lost == pytest.approx(10 / 256)
     barrel = Camera(paper_sensor, 150.0, k1_per_mm2=0.01)
     resolution = Resolution(3, 0.254, "x")
-    assert (
-        resolution.image_margin(barrel, pose, INCH).value
-        < resolution.image_margin(ideal, pose, INCH).value - 0.05
-    )
+    assert seen(resolution, barrel, pose) < seen(resolution, ideal, pose) - 0.05
 
 
-def test_feature_behind_the_camera_has_no_margin(paper_sensor: Sensor) -> None:
+def test_a_camera_cannot_be_focused_on_what_is_behind_it(paper_sensor: Sensor) -> None:
     behind = Pose(np.eye(3), np.array([0, 0, -600.0]))
-    margin = FieldOfView(25.4).image_margin(Camera(paper_sensor, 150.0), behind, INCH)
-    assert np.isnan(margin.value)
+    with pytest.raises(InputError, match="object_distance_mm must be positive, but is -600 mm"):
+        seen(FieldOfView(25.4), Camera(paper_sensor, 150.0), behind)
+
+
+def test_other_requirements_leave_d_over_d_alone(paper_sensor: Sensor) -> None:
+    assert required_magnification([Incidence(30)], paper_sensor) == (0.0, np.inf)
+    assert contradiction([Incidence(30)], paper_sensor) == ""
+    assert image_axis([Incidence(30), Resolution(3, 1, "y")]) == "y"
 
 
 def test_contradiction_names_both_requirements(paper_sensor: Sensor) -> None:

@@ -1,0 +1,237 @@
+"""The camera at several lens settings at once, as arrays: what views are judged with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from lenscal import optics
+from lenscal.arrays import FloatArray, frozen_array
+from lenscal.camera import Camera
+from lenscal.errors import InputError
+from lenscal.sensor import Sensor
+from planning.sensor_points import SensorPoints
+
+if TYPE_CHECKING:
+    from lenscal.maps.lens_map import LensMap
+    from planning.fixed_lens import FixedLens
+
+
+@dataclass(frozen=True, eq=False)
+class LensStates:
+    """S states of a lens and its camera.
+
+    Parameters
+    ----------
+    cameras
+        S cameras with the same sensor: image distance, principal point, distortion.
+    object_distance_mm
+        (S,) D of the sharp plane in mm.
+    projection_centre_mm
+        (S, 3) the projection centre in the frame of the reference camera, (x, y, −offset) in mm; it
+        lies at negative z where it is further from the object. None where nobody knows it.
+    entrance_pupil_diameter_mm
+        (S,) a in mm. None where nobody knows it.
+    zoom, focus, iris
+        (S,) settings in controller units, NaN where there are none; None for a fixed lens.
+
+    Raises
+    ------
+    InputError
+        When there is no camera, their sensors differ, a shape is wrong, or a distance or diameter
+        is not positive.
+    """
+
+    cameras: tuple[Camera, ...]
+    object_distance_mm: FloatArray
+    projection_centre_mm: FloatArray | None = None
+    entrance_pupil_diameter_mm: FloatArray | None = None
+    zoom: FloatArray | None = None
+    focus: FloatArray | None = None
+    iris: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        cameras = tuple(self.cameras)
+        if not cameras:
+            raise InputError("a view needs a lens setting, but there is none; give one or more")
+        others = [c.sensor for c in cameras if c.sensor != cameras[0].sensor]
+        if others:
+            raise InputError(
+                f"the cameras have different sensors, {cameras[0].sensor} and {others[0]}; plan "
+                "for one sensor at a time"
+            )
+        object.__setattr__(self, "cameras", cameras)
+        count = len(cameras)
+        for name in ("object_distance_mm", "entrance_pupil_diameter_mm"):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            array = frozen_array(name, value, (count,))
+            if (array <= 0).any():
+                raise InputError(
+                    f"{name} must be positive, but is {array.min():g} mm; check the sign and the "
+                    "unit"
+                )
+            object.__setattr__(self, name, array)
+        if self.projection_centre_mm is not None:
+            centre = frozen_array("projection_centre_mm", self.projection_centre_mm, (count, 3))
+            object.__setattr__(self, "projection_centre_mm", centre)
+        for name in ("zoom", "focus", "iris"):
+            value = getattr(self, name)
+            array = frozen_array(
+                name, np.full(count, np.nan) if value is None else value, (count,), finite=False
+            )
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def of_map(
+        cls,
+        lens: LensMap,
+        zoom: npt.ArrayLike,
+        focus: npt.ArrayLike,
+        iris: npt.ArrayLike | None = None,
+    ) -> LensStates:
+        """Ask a lens map.
+
+        Parameters
+        ----------
+        lens
+            The map; it must know its sensor.
+        zoom, focus
+            (S,) settings.
+        iris
+            (S,) or one iris setting. None: where the map knows one iris, that; where it knows
+            several, the entrance pupil is left open.
+
+        Returns
+        -------
+        LensStates
+            With the projection centre where the map knows the nodal offset, and the entrance pupil
+            where it knows that.
+
+        Raises
+        ------
+        MapError
+            When the map was made without a sensor.
+        OutOfDomainError
+            When a setting lies outside of the map.
+        """
+        zooms, focuses = np.broadcast_arrays(
+            *(np.atleast_1d(np.asarray(s, dtype=np.float64)) for s in (zoom, focus))
+        )
+        cameras = [lens.camera_at(float(z), float(f)) for z, f in zip(zooms, focuses, strict=True)]
+        centre = None
+        if lens.has_standoff:
+            offset = lens.nodal_offset_mm(zooms, focuses)
+            centre = np.stack([np.zeros_like(offset), np.zeros_like(offset), -offset], axis=-1)
+        irises = None if iris is None else np.broadcast_to(np.asarray(iris, float), zooms.shape)
+        pupil = None
+        if lens.pupil is not None and (iris is not None or len(lens.pupil.irises) == 1):
+            pupil = lens.entrance_pupil_diameter_mm(zooms, focuses, irises)
+            irises = np.full(zooms.shape, lens.pupil.irises[0]) if iris is None else irises
+        return cls(
+            tuple(cameras),
+            lens.object_distance_mm(zooms, focuses),
+            centre,
+            pupil,
+            zooms,
+            focuses,
+            irises,
+        )
+
+    @classmethod
+    def of_fixed(cls, lens: FixedLens, object_distance_mm: npt.ArrayLike) -> LensStates:
+        """Focus a fixed lens at several distances.
+
+        Its projection centre is its own reference: the offset is zero.
+
+        Parameters
+        ----------
+        lens
+            The lens.
+        object_distance_mm
+            (S,) D in mm, beyond the focal length.
+
+        Returns
+        -------
+        LensStates
+            The states.
+
+        Raises
+        ------
+        InputError
+            When a distance is not beyond the focal length.
+        """
+        distance = np.atleast_1d(np.asarray(object_distance_mm, dtype=np.float64))
+        if not (distance > lens.focal_length_mm).all():
+            raise InputError(
+                f"a lens of f = {lens.focal_length_mm:g} mm images nothing at a distance of "
+                f"{distance.min():g} mm; it must be larger than f"
+            )
+        image_distance = 1.0 / (1.0 / lens.focal_length_mm - 1.0 / distance)
+        pupil = lens.entrance_pupil_diameter_mm
+        return cls(
+            tuple(Camera(lens.sensor, float(d)) for d in image_distance),
+            distance,
+            np.zeros((len(distance), 3)),
+            None if pupil is None else np.full(len(distance), pupil),
+        )
+
+    @property
+    def sensor(self) -> Sensor:
+        """The sensor of all cameras."""
+        return self.cameras[0].sensor
+
+    @cached_property
+    def sensor_points(self) -> SensorPoints:
+        """The image planes of all cameras."""
+        return SensorPoints(self.cameras)
+
+    @cached_property
+    def image_distance_mm(self) -> FloatArray:
+        """(S,) d in mm."""
+        return np.array([camera.image_distance_mm for camera in self.cameras])
+
+    @property
+    def magnification(self) -> FloatArray:
+        """(S,) d/D."""
+        return optics.magnification(self.object_distance_mm, self.image_distance_mm)
+
+    @property
+    def principal_point_mm(self) -> FloatArray:
+        """(S, 2) principal point from the middle of the sensor, in mm."""
+        offset = np.stack([camera.centre_px for camera in self.cameras]) - self.sensor.centre_px
+        mm: FloatArray = offset * self.sensor.sample_pitch_mm
+        return mm
+
+    def with_iris(self, iris: npt.ArrayLike, entrance_pupil_diameter_mm: FloatArray) -> LensStates:
+        """Change the iris alone.
+
+        Parameters
+        ----------
+        iris
+            (S,) or one setting.
+        entrance_pupil_diameter_mm
+            (S,) a there, in mm.
+
+        Returns
+        -------
+        LensStates
+            The same states with another pupil.
+        """
+        return LensStates(
+            self.cameras,
+            self.object_distance_mm,
+            self.projection_centre_mm,
+            entrance_pupil_diameter_mm,
+            self.zoom,
+            self.focus,
+            np.broadcast_to(np.asarray(iris, dtype=np.float64), (len(self),)),
+        )
+
+    def __len__(self) -> int:
+        return len(self.cameras)

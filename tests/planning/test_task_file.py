@@ -1,0 +1,106 @@
+"""Requirements as people write them: with units, or refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from lenscal.errors import InputError
+from lenscal.handwritten import load_toml
+from planning.enclosure import example_part
+from planning.requirements.clearance import Clearance
+from planning.requirements.depth_of_field import DepthOfField
+from planning.requirements.incidence import Incidence
+from planning.requirements.unvignetted import Unvignetted
+from planning.requirements.visibility import Visibility
+from planning.task_file import TaskFile
+
+HEAD = """
+part = "part.stl"
+unit = "mm"
+lens = "map.json"
+target = { near = ["0 mm", "0 mm", "0 mm"] }
+workspace = { low = ["-30 cm", "-80 cm", "33 mm"], high = ["30 cm", "80 cm", "1 m"] }
+"""
+
+
+def read(tmp_path, requirements: str):
+    path = tmp_path / "task.toml"
+    path.write_text(HEAD + requirements, encoding="utf-8")
+    return load_toml(path, TaskFile, "task").build(example_part().scene, tmp_path)
+
+
+def test_every_kind_of_requirement_is_read(tmp_path) -> None:
+    trimesh.creation.box(bounds=[[-1, -1, -4], [1, 1, -2]]).export(tmp_path / "housing.stl")
+    task = read(
+        tmp_path,
+        """
+[[requirements]]
+kind = "depth_of_field"
+depth = "0.1 in"
+blur = "1.5 px"
+wavelength = "550 nm"
+[[requirements]]
+kind = "depth_of_field"
+depth = "0 mm"
+blur = "2px"
+[[requirements]]
+kind = "incidence"
+max_angle = "0.5 rad"
+[[requirements]]
+kind = "clearance"
+distance = "1 cm"
+cylinders = [
+    { start = "-10 cm", end = "235 mm", radius = "30 mm" },
+    { start = ["1 mm", "2 mm", "3 mm"], end = ["1 mm", "2 mm", "9 mm"], radius = "1 mm" },
+]
+meshes = [{ file = "housing.stl", unit = "in" }]
+[[requirements]]
+kind = "unvignetted"
+[[requirements]]
+kind = "visibility"
+distance = "2 mm"
+[[requirements]]
+kind = "visibility"
+""",
+    )
+    depth, flat, incidence, clearance, unvignetted, visibility, plain = task.requirements
+    assert isinstance(depth, DepthOfField)
+    assert (depth.depth_mm, depth.blur_px, depth.wavelength_nm) == (pytest.approx(2.54), 1.5, 550)
+    assert flat == DepthOfField(0, 2)
+    assert isinstance(incidence, Incidence)
+    assert incidence.max_angle_deg == pytest.approx(np.degrees(0.5))
+    assert isinstance(clearance, Clearance)
+    assert clearance.distance_mm == 10
+    first, second = clearance.body.cylinders
+    np.testing.assert_allclose([first.start_mm, first.end_mm], [[0, 0, -100], [0, 0, 235]])
+    np.testing.assert_allclose(second.start_mm, [1, 2, 3])
+    (housing,) = clearance.body.meshes
+    np.testing.assert_allclose(housing.bounds_mm[:, 2], [-4 * 25.4, -2 * 25.4], rtol=1e-6)
+    assert (unvignetted, visibility, plain) == (Unvignetted(), Visibility(2), Visibility())
+    stated = task.to_dict()["requirements"]
+    assert stated[3]["body"]["meshes"] == [housing.digest]
+    assert stated[3]["body"]["cylinders"][0]["radius_mm"] == 30
+    assert stated[5] == {"kind": "visibility", "distance_mm": 2}
+    assert len(task.digest) == 64
+
+
+@pytest.mark.parametrize(
+    ("requirement", "message"),
+    [
+        ('kind = "depth_of_field"\ndepth = 2\nblur = "1 px"', "a length needs its unit"),
+        ('kind = "depth_of_field"\ndepth = "2 mm"\nblur = 1.5', "1.5 needs its unit, px, such as"),
+        ('kind = "depth_of_field"\ndepth = "2 mm"\nblur = "1 mm"', "'1 mm' needs its unit, px"),
+        ('kind = "depth_of_field"\ndepth = "-2 mm"\nblur = "1 px"', "greater than or equal to 0"),
+        ('kind = "incidence"\nmax_angle = 30', "30 needs its unit, deg or rad, such as '1.5 deg'"),
+        ('kind = "incidence"\nmax_angle = "95 deg"', "less than or equal to 90"),
+        ('kind = "clearance"\ndistance = "0 mm"', "greater than 0"),
+        ('kind = "clearance"\ndistance = "1 mm"', "a camera body needs a cylinder or a mesh"),
+        ('kind = "unvignetted"\nradius = "1 mm"', "Extra inputs are not permitted"),
+        ('kind = "sharpness"', "does not match any of the expected tags"),
+    ],
+)
+def test_without_unit_or_sense_it_is_refused(tmp_path, requirement, message) -> None:
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, f"[[requirements]]\n{requirement}\n")
