@@ -21,6 +21,8 @@ Every length carries its unit, or is refused::
     kind = "field_of_view"
     length = "1 in"
     axis = "x"
+
+A table ``[placement]``, see `planning.placement_file`, says in which robot cell.
 """
 
 from __future__ import annotations
@@ -33,6 +35,8 @@ from pydantic import Field, model_validator
 
 from lenscal.handwritten import Handwritten, LengthMm, PositiveLengthMm, load_toml
 from lenscal.sensor import Axis
+from planning.placement import RobotCell
+from planning.placement_file import PlacementSpec
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.resolution import Resolution
 from planning.scene import Scene
@@ -178,6 +182,8 @@ class TaskFile(Handwritten):
         Where the projection centre may be.
     requirements
         What the image of the feature must satisfy.
+    placement
+        The robot cell that the plan is to be carried out in; None to plan only.
     """
 
     name: str = ""
@@ -188,6 +194,7 @@ class TaskFile(Handwritten):
     feature: list[PointMm] | None = None
     workspace: WorkspaceSpec
     requirements: list[RequirementSpec] = Field(min_length=1)
+    placement: PlacementSpec | None = None
 
     def build(self, scene: Scene) -> Task:
         """Make the task.
@@ -240,6 +247,30 @@ def load_task(path: Path | str) -> tuple[Task, LensMap | FixedLens, Scene]:
     spec = load_toml(path, TaskFile, "task")
     scene = Scene.load(path.parent / spec.part, spec.unit)
     return spec.build(scene), LensMap.load(path.parent / spec.lens), scene
+
+
+def load_cell(path: Path | str) -> RobotCell | None:
+    """Read the robot cell of a task file.
+
+    Parameters
+    ----------
+    path
+        The TOML file. Names of files in it are relative to its folder.
+
+    Returns
+    -------
+    RobotCell or None
+        The cell; None where the task has no table ``[placement]``.
+
+    Raises
+    ------
+    FileError
+        When a file is missing or cannot be used.
+    InputError
+        When it says something that is not understood.
+    """
+    spec = load_toml(path, TaskFile, "task").placement
+    return None if spec is None else spec.build(Path(path).parent)
 
 
 def _requirement(spec: ResolutionSpec | FieldOfViewSpec) -> Resolution | FieldOfView:
