@@ -19,33 +19,18 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from lenscal.arrays import FloatArray
 from lenscal.calibration.calibration import Repeatability
 from lenscal.camera_mount import CameraMount
 from lenscal.errors import PlanningError
-from lenscal.handwritten import Handwritten, LengthMm
+from lenscal.handwritten import Handwritten, LengthMm, PointMm, PoseSpec
 from lenscal.pose import Pose
 from lenscal.reach import Reach
 from lenscal.recording import Recording
 from lenscal.setting import ApproachSide
 from planning.placement import RobotCell
 
-PointMm = tuple[LengthMm, LengthMm, LengthMm]
 LengthNotNegativeMm = Annotated[LengthMm, Field(ge=0)]
-
-
-class PoseSpec(Handwritten):
-    """A `Pose` as it is written.
-
-    Parameters
-    ----------
-    rotation_vector_deg
-        Axis times angle in degrees.
-    translation
-        Lengths with their unit.
-    """
-
-    rotation_vector_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    translation: PointMm
 
 
 class ScatterSpec(Handwritten):
@@ -130,11 +115,12 @@ class PlacementSpec(Handwritten):
             When the session does not say how the camera sits on the hand, or how well that is
             known.
         """
-        turn = np.radians(self.base_from_part.rotation_vector_deg)
         part, robot, reach = self.part_sigma, self.repeatability, self.reach
         return RobotCell(
             _mount(folder / self.hand_eye),
-            Pose.from_rotation_vector(turn, self.base_from_part.translation),
+            Pose.from_rotation_vector(
+                self.base_from_part.rotation_vector_rad, self.base_from_part.translation
+            ),
             None if part is None else _covariance(part),
             None
             if robot is None
@@ -147,7 +133,7 @@ class PlacementSpec(Handwritten):
         )
 
 
-def _covariance(scatter: ScatterSpec) -> np.ndarray:
+def _covariance(scatter: ScatterSpec) -> FloatArray:
     return np.diag(np.repeat([np.radians(scatter.rotation_deg) ** 2, scatter.translation**2], 3))
 
 
