@@ -22,6 +22,7 @@ from lenscal.imaging.ruler import Ruler
 from lenscal.imaging.scene import render_scene
 from lenscal.imaging.texture import Float32Image
 from lenscal.pose import Pose
+from lenscal.sensor import Window
 from lenscal.units import MM_PER_INCH
 from planning.ruler_reading import RulerReading, edge_to_edge_px, read_ruler
 from planning.scene import Scene
@@ -174,7 +175,11 @@ def bodies_for_pictures(scene: Scene, target: Target) -> list[Body]:
 
 
 def render_view(
-    view: TrueView, scene: Scene, target: Target, decals: Sequence[Decal] = ()
+    view: TrueView,
+    scene: Scene,
+    target: Target,
+    decals: Sequence[Decal] = (),
+    window: Window | None = None,
 ) -> Float32Image:
     """Look through the true lens.
 
@@ -188,6 +193,8 @@ def render_view(
         The face whose body is bright.
     decals
         Pictures that lie on it.
+    window
+        The part of the image wanted, None for all of it.
 
     Returns
     -------
@@ -201,6 +208,7 @@ def render_view(
         object_distance_mm=view.object_distance_mm,
         entrance_pupil_diameter_mm=view.entrance_pupil_diameter_mm,
         decals=decals,
+        window=window,
         falloff=view.falloff,
     )
 
@@ -252,7 +260,12 @@ def check_picture(
 
 
 def check_view(
-    view: TrueView, scene: Scene, feature: Target, target: Target, planned_px: float
+    view: TrueView,
+    scene: Scene,
+    feature: Target,
+    target: Target,
+    planned_px: float,
+    window: Window | None = None,
 ) -> ImageCheck:
     """Look through the true lens at a ruler on the target, and measure.
 
@@ -268,13 +281,15 @@ def check_view(
         The face that it lies on.
     planned_px
         Length of the feature in the image by the plan.
+    window
+        The part of the image to form, over all columns; None for all of it.
 
     Returns
     -------
     ImageCheck
         What the picture shows.
     """
-    image = render_view(view, scene, target, [ruler_decal(feature, target)])
+    image = render_view(view, scene, target, [ruler_decal(feature, target)], window)
     return check_picture(image, feature, target, planned_px)
 
 

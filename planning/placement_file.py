@@ -138,18 +138,37 @@ def _covariance(scatter: ScatterSpec) -> FloatArray:
 
 
 def _mount(path: Path) -> CameraMount:
-    if not path.is_dir():
-        return CameraMount.load(path)
-    head = Recording.load(path).head
+    return mount_of_session(Recording.load(path)) if path.is_dir() else CameraMount.load(path)
+
+
+def mount_of_session(recording: Recording) -> CameraMount:
+    """Take the mounting that the rig of a session stated.
+
+    Parameters
+    ----------
+    recording
+        The session.
+
+    Returns
+    -------
+    CameraMount
+        From which the offsets of the session's lens map are counted.
+
+    Raises
+    ------
+    PlanningError
+        When the rig did not state it, or not how well it is known.
+    """
+    head = recording.head
     if head.hand_from_camera is None or head.reference_setting is None:
         raise PlanningError(
-            f"the session {path} does not say how the camera sits on the hand; "
+            f"the session {recording.folder} does not say how the camera sits on the hand; "
             "name a hand-eye calibration instead"
         )
     if head.hand_eye_sigma_rad is None or head.hand_eye_sigma_mm is None:
         raise PlanningError(
-            f"the session {path} does not say how well it knows how the camera sits on the hand; "
-            "name a hand-eye calibration with its covariance instead"
+            f"the session {recording.folder} does not say how well it knows how the camera sits on "
+            "the hand; name a hand-eye calibration with its covariance instead"
         )
     return CameraMount.stated(
         head.hand_from_camera,

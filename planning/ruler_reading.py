@@ -23,6 +23,8 @@ _LOCAL: Final = 5
 _FINE: Final = 32
 #: A dark bar that is so many times wider than most is no tick.
 _WIDEST: Final = 1.6
+#: One that is paler than most by this share of their contrast is none either.
+_PALEST: Final = 0.35
 #: Rows that are smoothed together to find the ruler, in px.
 _ROWS: Final = 3.0
 #: Rows beside the ruler in which the edges of the target are sought, as multiples of its height.
@@ -165,12 +167,17 @@ def _dark_bars(profile: FloatArray, ticks: int) -> FloatArray:
     ends = np.flatnonzero(~dark[1:] & dark[:-1])
     if len(ends) and len(starts) and ends[0] < starts[0]:
         ends = ends[1:]
-    pairs = min(len(starts), len(ends))
-    edges = np.stack([fine[starts[:pairs]], fine[ends[:pairs]]])
-    width = edges[1] - edges[0]
-    # What is dark beside the ruler is wider than a tick.
-    middles: FloatArray = edges.mean(axis=0)[width < _WIDEST * np.median(width)]
-    return middles
+    bars = list(zip(starts, ends, strict=False))
+    if not bars:
+        return np.zeros(0)
+    width = np.array([fine[end] - fine[start] for start, end in bars])
+    floor = np.array([curve[start:end].min() for start, end in bars])
+    white = float(np.median([high[start] for start, _ in bars]))
+    # What is dark beside the ruler is wider than a tick, or not as dark.
+    black = float(np.median(floor))
+    tick = (width < _WIDEST * np.median(width)) & (floor < black + _PALEST * (white - black))
+    middles = np.array([(fine[start] + fine[end]) / 2 for start, end in bars])
+    return np.asarray(middles[tick])
 
 
 def _falling_edge(row: FloatArray, start: float, outward: int) -> float:
