@@ -90,7 +90,7 @@ def read_ruler(image: npt.NDArray[np.generic], ticks: int) -> RulerReading:
     """
     grey = np.asarray(image, dtype=np.float64)
     top, bottom = _plain_rows(grey)
-    inner = max(1, (bottom - top) // 4)
+    inner = (bottom - top) // 4
     profile = grey[top + inner : bottom - inner].mean(axis=0)
     found = _dark_bars(profile, ticks)
     if len(found) != ticks:
@@ -176,8 +176,24 @@ def _dark_bars(profile: FloatArray, ticks: int) -> FloatArray:
     # What is dark beside the ruler is wider than a tick, or not as dark.
     black = float(np.median(floor))
     tick = (width < _WIDEST * np.median(width)) & (floor < black + _PALEST * (white - black))
-    middles = np.array([(fine[start] + fine[end]) / 2 for start, end in bars])
-    return np.asarray(middles[tick])
+    chosen = [bar for bar, is_tick in zip(bars, tick, strict=True) if is_tick]
+    places = [_middle(curve, int(start), int(end), white) for start, end in chosen]
+    return np.array(places) / _FINE
+
+
+def _middle(curve: FloatArray, start: int, end: int, white: float) -> float:
+    """Half way between the two places where a bar is half way between its black and white.
+
+    One level for both sides: what lies beyond the last tick is another white than that between.
+    """
+    darkest = start + int(np.argmin(curve[start:end]))
+    level = (curve[darkest] + white) / 2
+    right = darkest + int(np.argmax(curve[darkest:] > level))
+    left = darkest - int(np.argmax(curve[darkest::-1] > level))
+    # The curve is all but straight between its fine places.
+    right_at = right - (curve[right] - level) / (curve[right] - curve[right - 1])
+    left_at = left + (curve[left] - level) / (curve[left] - curve[left + 1])
+    return float(left_at + right_at) / 2
 
 
 def _falling_edge(row: FloatArray, start: float, outward: int) -> float:

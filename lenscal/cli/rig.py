@@ -133,4 +133,4 @@ def run(sequence: Path, rig_file: Path, out: Path) -> None:
         done = run_sequence(loaded, described, out, progress=progress)
     for picture in done.pictures:
         click.echo(f"{picture.frame}: {picture.name}, {picture.setting}")
-    click.echo(f"{len(done.pictures)} pictures and their record are in {out}")
+    click.echo(f"pictures of {done.stations} viewpoints and their record are in {out}")

@@ -134,8 +134,8 @@ def test_viewpoints_of_the_paper(
 ) -> None:
     """At the paper's focus and d/D this lens stands where the paper's did.
 
-    Its optics are not quite the paper's, see docs/simulated-rig.md: on the contour of d/D = 0.192 it
-    zooms by about a unit differently, which moves D and the offset alike by up to 2 in. The
+    Its optics are not quite the paper's, see docs/simulated-rig.md: on the contour of d/D = 0.192
+    it zooms by about a unit differently, which moves D and the offset alike by up to 2 in. The
     standoff, which is what the robot sets, stays within 0.15 in.
     """
     setting = setting_with(world, ratio or limits[0], focus)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lenscal.errors import DeviceError
+from lenscal.errors import DeviceError, FileError
 from lenscal.imaging.decal import Decal
 from lenscal.imaging.raycast import Body
 from lenscal.imaging.scene import render_scene
@@ -116,7 +116,7 @@ def bodies_of_file(path: Path, mm_per_unit: float) -> list[Body]:
 
     Raises
     ------
-    DeviceError
+    FileError
         When there is no mesh in it.
     """
     import trimesh
@@ -125,8 +125,10 @@ def bodies_of_file(path: Path, mm_per_unit: float) -> list[Body]:
         meshes = trimesh.load_scene(path, process=False).dump()
     # The readers of trimesh raise whatever their parsers happen to raise.
     except Exception as error:
-        raise DeviceError(f"the simulated rig cannot read the part {path}: {error}") from error
-    bodies = [Body(m.vertices * mm_per_unit, m.faces) for m in meshes if len(m.faces)]
+        raise FileError(f"the simulated rig cannot read the part {path}: {error}") from error
+    bodies = [
+        Body(m.vertices * mm_per_unit, m.faces) for m in meshes if isinstance(m, trimesh.Trimesh)
+    ]
     if not bodies:
-        raise DeviceError(f"the part {path} holds no mesh for the simulated rig to look at")
+        raise FileError(f"the part {path} holds no mesh for the simulated rig to look at")
     return bodies
