@@ -51,10 +51,12 @@ def draw_check(axes: Axes, check: ImageCheck, title: str = "") -> Axes:
     )
     above = row - 1.5 * check.reading.height_px
     middle = (len(ticks) - _MARKED) // 2
-    for first, step in zip((0, middle, len(ticks) - _MARKED), check.step_px, strict=True):
+    firsts = (0, middle, len(ticks) - _MARKED)
+    for first, step, side in zip(firsts, check.step_px, ("left", "center", "right"), strict=True):
         piece = ticks[first : first + _MARKED]
+        anchor = {"left": piece[0], "center": piece.mean(), "right": piece[-1]}[side]
         axes.plot(piece[[0, -1]], [above, above], color=_STEPS, linewidth=2.5)
-        axes.text(piece.mean(), above - 6, f"{step:.2f} px", color=_STEPS, ha="center", fontsize=8)
+        axes.text(anchor, above - 6, f"{step:.2f} px", color=_STEPS, ha=side, fontsize=8)
     axes.set_title(title, fontsize=10)
     axes.set_xlabel("x (px)")
     axes.set_ylabel("y (px)")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from lenscal.camera import Camera
 from lenscal.errors import DetectionError, PlanningError
@@ -17,6 +18,7 @@ from planning.image_check import (
     ruler_decal,
     ruler_on,
 )
+from planning.picture_plots import draw_check
 from planning.target import Target
 
 CAMERA = Camera(Sensor(512, 480, 0.0162, 0.0162), 120.0)
@@ -45,6 +47,17 @@ def test_what_is_measured_is_what_a_pinhole_gives(block) -> None:
     assert check.planned_step_px == pytest.approx(wanted / 50)
     assert check.cover == pytest.approx(wanted / 512, abs=1e-3)
     assert check.image.shape == (200, 512)
+
+
+def test_a_figure_shows_what_was_measured(block) -> None:
+    part = example_part()
+    check = check_view(view(620.0), block, part.feature, part.target, 303.5, BAND)
+    axes = draw_check(Figure().add_subplot(), check, "from above")
+    words = [text.get_text() for text in axes.texts]
+    assert f"{check.feature_px:.1f} px (planned 303.5)" in words
+    assert f"{check.step_px[1]:.2f} px" in words
+    assert (axes.get_title(), axes.get_ylabel()) == ("from above", "y (px)")
+    axes.figure.canvas.draw()
 
 
 def test_a_feature_inside_the_target_has_no_edges(block) -> None:

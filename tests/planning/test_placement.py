@@ -10,9 +10,11 @@ import pandas as pd
 import pytest
 
 from lenscal.calibration.calibration import Repeatability
+from lenscal.calibration.table import CalibrationTable
 from lenscal.camera_mount import CameraMount
 from lenscal.document import read_document
 from lenscal.errors import FileError, PlanningError
+from lenscal.maps.fit import fit_lens_map
 from lenscal.maps.lens_map import LensMap
 from lenscal.pose import Pose
 from lenscal.reach import Reach
@@ -291,3 +293,21 @@ def test_the_sequence_is_the_placements(placed) -> None:
         assert station.standoff_mm == p.standoff_mm
         assert station.sigma_standoff_mm == p.sigma_sharp_mm[2]
         np.testing.assert_array_equal(station.base_from_hand.matrix, p.base_from_hand.matrix)
+
+
+def test_the_map_knows_its_rig_from_the_session_on(request, lens, tmp_path) -> None:
+    """The names of the devices go from the recording to the table, the map and its file."""
+    table = CalibrationTable.load(request.config.rootpath / "data" / "vicon-1990" / "table.csv")
+    assert table.identity["rig"] == "simulated vicon-1990, seed 0"
+    assert fit_lens_map(table, log_smoothing=_smoothing(lens)).identity == table.identity
+    assert lens.identity == table.identity
+    assert LensMap.load(lens.save(tmp_path / "map.json")).identity == lens.identity
+    nameless = replace(lens, identity={})
+    assert nameless.digest != lens.digest
+    assert LensMap.load(nameless.save(tmp_path / "older.json")).identity == {}
+
+
+def _smoothing(lens: LensMap) -> dict[str, np.ndarray]:
+    surfaces = {"core": lens.core, **lens.camera_surfaces}
+    chosen = {name: s.log_smoothing for name, s in surfaces.items()}
+    return chosen | {"core_powers": lens.core.powers, "core_mixing": lens.core.mixing}
