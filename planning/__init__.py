@@ -16,7 +16,7 @@ _HOMES: Final = {
     "Placement": "planning.placement",
     "Region": "planning.visibility.region",
     "Resolution": "planning.requirements.resolution",
-    "RobotCell": "planning.placement",
+    "RobotCell": "planning.robot_cell",
     "Scene": "planning.scene",
     "Solid": "planning.solid",
     "Target": "planning.target",

@@ -14,9 +14,9 @@ from planning.visibility_command import visibility
 
 if TYPE_CHECKING:
     from lenscal.sensor import Axis
-    from planning.placement import RobotCell
     from planning.planner import Plan
     from planning.requirements.margin import Requirement
+    from planning.robot_cell import RobotCell
     from planning.settings import AdmissibleSettings
 
 __all__ = ["demo", "plan", "settings", "visibility"]

@@ -31,15 +31,17 @@ from lenscal.units import MM_PER_INCH
 from lenscal.workflow import SessionPlan, calibrate_lens
 from planning.enclosure import example_part
 from planning.figures import save_figures
-from planning.image_check import ImageCheck, TrueView, check_view
-from planning.placement import Placement, RobotCell, place_plan
+from planning.image_check import ImageCheck, check_view
+from planning.placement import Placement, place_plan
 from planning.placement_export import as_sequence
 from planning.placement_file import mount_of_session
 from planning.planner import Plan, plan
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.margin import Requirement
 from planning.requirements.resolution import Resolution
+from planning.robot_cell import RobotCell
 from planning.task import Task
+from planning.true_view import TrueView
 from planning.verify import Verification, verify_viewpoint
 from planning.viewpoint_table import viewpoint_table
 

@@ -6,7 +6,6 @@ and compared with what was planned. Nothing is projected to measure.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -14,51 +13,20 @@ import numpy as np
 import numpy.typing as npt
 
 from lenscal.arrays import FloatArray, frozen_array
-from lenscal.camera import Camera
 from lenscal.errors import PlanningError
 from lenscal.imaging.decal import Decal
-from lenscal.imaging.raycast import Body
 from lenscal.imaging.ruler import Ruler
-from lenscal.imaging.scene import render_scene
-from lenscal.imaging.texture import Float32Image
-from lenscal.pose import Pose
 from lenscal.sensor import Window
 from lenscal.units import MM_PER_INCH
 from planning.ruler_reading import RulerReading, edge_to_edge_px, read_ruler
 from planning.scene import Scene
 from planning.target import Target
+from planning.true_view import TrueView, render_view
 
 #: Ticks of the ruler in the paper's pictures are counted in steps of 0.02 in.
 STEP_MM: Final = 0.02 * MM_PER_INCH
-#: How bright the body of the target is, and all others: its edges are to stand out.
-_OF_TARGET, _OF_OTHERS = 0.8, 0.25
-#: How near to the target's plane its own body must have a face, as a share of the target's size.
+#: How near to an edge of the target a point lies on it, as a share of the target's size.
 _TOUCHING: Final = 1e-6
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TrueView:
-    """All that decides what a camera at a viewpoint sees.
-
-    Parameters
-    ----------
-    camera
-        The true camera at the setting.
-    part_from_camera
-        Its true pose.
-    object_distance_mm
-        True distance of the plane in sharpest focus.
-    entrance_pupil_diameter_mm
-        At the iris.
-    falloff
-        Of the illumination, see `lenscal.imaging.falloff`.
-    """
-
-    camera: Camera
-    part_from_camera: Pose
-    object_distance_mm: float
-    entrance_pupil_diameter_mm: float
-    falloff: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,66 +121,6 @@ def ruler_decal(feature: Target, target: Target, step_mm: float = STEP_MM) -> De
     return ruler_on(feature, step_mm).decal(start, end, target.normal)
 
 
-def bodies_for_pictures(scene: Scene, target: Target) -> list[Body]:
-    """Paint a scene so that the edges of the target stand out.
-
-    Parameters
-    ----------
-    scene
-        The part.
-    target
-        The face that is to be seen.
-
-    Returns
-    -------
-    list of Body
-        The body that the target is a face of is bright, all others are dark.
-    """
-    return [
-        Body(body.vertices_mm, body.faces, _OF_TARGET if mine else _OF_OTHERS)
-        for body, mine in zip(scene.bodies, _touching(scene, target), strict=True)
-    ]
-
-
-def render_view(
-    view: TrueView,
-    scene: Scene,
-    target: Target,
-    decals: Sequence[Decal] = (),
-    window: Window | None = None,
-) -> Float32Image:
-    """Look through the true lens.
-
-    Parameters
-    ----------
-    view
-        Camera, pose and lens.
-    scene
-        The part.
-    target
-        The face whose body is bright.
-    decals
-        Pictures that lie on it.
-    window
-        The part of the image wanted, None for all of it.
-
-    Returns
-    -------
-    Float32Image
-        (rows, columns) irradiance without noise; white paper 1.
-    """
-    return render_scene(
-        view.camera,
-        view.part_from_camera.inverse(),
-        bodies_for_pictures(scene, target),
-        object_distance_mm=view.object_distance_mm,
-        entrance_pupil_diameter_mm=view.entrance_pupil_diameter_mm,
-        decals=decals,
-        window=window,
-        falloff=view.falloff,
-    )
-
-
 def check_picture(
     image: npt.NDArray[np.generic],
     feature: Target,
@@ -291,21 +199,6 @@ def check_view(
     """
     image = render_view(view, scene, target, [ruler_decal(feature, target)], window)
     return check_picture(image, feature, target, planned_px)
-
-
-def _touching(scene: Scene, target: Target) -> list[bool]:
-    """Which bodies have a face in the plane of the target that holds its middle."""
-    found = []
-    for body in scene.bodies:
-        corners = body.triangles_mm - target.centroid_mm
-        flat = np.abs(corners @ target.normal).max(axis=1) <= _TOUCHING * target.size_mm
-        a, b, c = np.moveaxis(corners[flat], 1, 0)
-        sides = np.stack(
-            [np.cross(p, q) @ target.normal for p, q in ((a, b), (b, c), (c, a))], axis=-1
-        )
-        slack = 1e-9 * target.size_mm**2
-        found.append(bool(((sides >= -slack).all(axis=-1) | (sides <= slack).all(axis=-1)).any()))
-    return found
 
 
 def _on_outline(points_mm: FloatArray, target: Target) -> bool:

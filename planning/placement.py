@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from lenscal.arrays import FloatArray, frozen_array
-from lenscal.calibration.calibration import Repeatability
 from lenscal.camera_mount import CameraMount, differences
 from lenscal.errors import OutOfRangeError, PlanningError
 from lenscal.pose import Pose
-from lenscal.reach import Reach
 from lenscal.setting import ApproachSide, LensSetting
 from planning.nodal import NodalPoint, nodal_point
+from planning.placement_covariance import motion_covariance, seen_at
 from planning.planner import Plan
+from planning.robot_cell import RobotCell
 from planning.settings import FixedLens
 
 if TYPE_CHECKING:
@@ -34,43 +34,6 @@ if TYPE_CHECKING:
 #: The roles in which the lens map and the hand-eye calibration must agree: the offsets are those of
 #: the lens on its camera, whichever robot carried them.
 _OF_LENS: Final = ("lens", "camera", "rig")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RobotCell:
-    """What stands where, and how well that is known.
-
-    Parameters
-    ----------
-    mount
-        How the reference camera sits on the hand.
-    base_from_part
-        Where the part lies.
-    part_covariance
-        (6, 6) of a small motion of the part in its own frame: rotation vector in rad, translation
-        in mm; None for a place that is known exactly.
-    repeatability
-        How far the hand stands from where it says; None for a robot without error.
-    reach
-        What the hand can reach; None where nobody knows.
-    iris
-        Iris setting for plans that choose none; None to leave the iris as it stands.
-    approach
-        From which side the motors of the lens arrive; None for that of the map's samples.
-    """
-
-    mount: CameraMount
-    base_from_part: Pose
-    part_covariance: FloatArray | None = None
-    repeatability: Repeatability | None = None
-    reach: Reach | None = None
-    iris: float | None = None
-    approach: ApproachSide | None = None
-
-    def __post_init__(self) -> None:
-        if self.part_covariance is not None:
-            covariance = frozen_array("part_covariance", self.part_covariance, (6, 6))
-            object.__setattr__(self, "part_covariance", covariance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -269,71 +232,15 @@ def place(
     base_from_hand = (
         cell.base_from_part @ part_from_reference @ cell.mount.hand_from_camera.inverse()
     )
-    motion = _motion_covariance(cell, part_from_reference, nodal.centre_mm)
-    sharp = _seen_at(motion, nodal.sharp_point_mm)
-    centre = _seen_at(motion, nodal.centre_mm)
+    motion = motion_covariance(cell, part_from_reference, nodal.centre_mm)
+    sharp = seen_at(motion, nodal.sharp_point_mm)
+    centre = seen_at(motion, nodal.centre_mm)
     lateral = nodal.sigma_lateral_mm**2
     sharp[3:, 3:] += np.diag([*lateral, nodal.sigma_standoff_mm**2])
     centre[3:, 3:] += np.diag([*lateral, nodal.sigma_offset_mm**2])
     return Placement(
         viewpoint, setting, approach, part_from_camera, base_from_hand, nodal, sharp, centre
     )
-
-
-def _motion_covariance(
-    cell: RobotCell, part_from_reference: Pose, centre_mm: FloatArray
-) -> FloatArray:
-    """(6, 6) of the motion of the reference camera in its own frame: mounting, robot and part."""
-    total = _of_mount(cell.mount, centre_mm)
-    if cell.repeatability is not None:
-        slip = np.repeat(
-            [cell.repeatability.rotation_rad**2, cell.repeatability.translation_mm**2], 3
-        )
-        carried = _adjoint(cell.mount.hand_from_camera.inverse())
-        total = total + carried @ np.diag(slip) @ carried.T
-    if cell.part_covariance is not None:
-        carried = _adjoint(part_from_reference.inverse())
-        total = total + carried @ cell.part_covariance @ carried.T
-    return total
-
-
-def _of_mount(mount: CameraMount, centre_mm: FloatArray) -> FloatArray:
-    back = mount.hand_from_camera.rotation.T
-    if mount.anchors_offsets:
-        # The session found the projection centre itself on the hand, so that only the direction
-        # of the axis is in error: a rotation about that centre.
-        rotation = back @ mount.covariance[:3, :3] @ back.T
-        lever = np.concatenate([np.eye(3), _cross(centre_mm)])
-        found: FloatArray = lever @ rotation @ lever.T
-        return found
-    # exp(δθ) R and t + δt: seen from the camera both are only turned.
-    turned = np.kron(np.eye(2), back)
-    whole: FloatArray = turned @ mount.covariance @ turned.T
-    return whole
-
-
-def _adjoint(a_from_b: Pose) -> FloatArray:
-    """(6, 6) that takes a small motion in frame b to the same motion in frame a."""
-    rotation = a_from_b.rotation
-    return np.block(
-        [
-            [rotation, np.zeros((3, 3))],
-            [_cross(a_from_b.translation_mm) @ rotation, rotation],
-        ]
-    )
-
-
-def _seen_at(covariance: FloatArray, point_mm: FloatArray) -> FloatArray:
-    """(6, 6) with the translation of a point instead of that of the origin."""
-    lever = np.eye(6)
-    lever[3:, :3] = -_cross(point_mm)
-    moved: FloatArray = lever @ covariance @ lever.T
-    return moved
-
-
-def _cross(vector: FloatArray) -> FloatArray:
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _placeable(lens: LensMap | FixedLens) -> LensMap:

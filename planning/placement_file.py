@@ -28,7 +28,7 @@ from lenscal.pose import Pose
 from lenscal.reach import Reach
 from lenscal.recording import Recording
 from lenscal.setting import ApproachSide
-from planning.placement import RobotCell
+from planning.robot_cell import RobotCell
 
 LengthNotNegativeMm = Annotated[LengthMm, Field(ge=0)]
 

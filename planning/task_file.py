@@ -35,10 +35,10 @@ from pydantic import Field, model_validator
 
 from lenscal.handwritten import Handwritten, LengthMm, PositiveLengthMm, load_toml
 from lenscal.sensor import Axis
-from planning.placement import RobotCell
 from planning.placement_file import PlacementSpec
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.resolution import Resolution
+from planning.robot_cell import RobotCell
 from planning.scene import Scene
 from planning.settings import FixedLens
 from planning.solid import box_workspace

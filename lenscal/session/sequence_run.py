@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -25,110 +25,15 @@ from lenscal.errors import (
     OutOfRangeError,
     SessionError,
 )
-from lenscal.journal import JournalWriter, read_journal
-from lenscal.pose import Pose
+from lenscal.journal import JournalWriter
 from lenscal.progress import Progress
 from lenscal.recording import JOURNAL
 from lenscal.rig.interfaces import Frame, Rig
 from lenscal.sequence import Sequence, Station
 from lenscal.session.exposure import expose
-from lenscal.setting import LensSetting
+from lenscal.session.pictures import VERSION, Picture, SequenceRun, picture_to_json
 
-VERSION: Final = 1
 _FRAMES: Final = "frames"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    """One picture of a run.
-
-    Parameters
-    ----------
-    station
-        Number of the station in the sequence.
-    name
-        Of the station.
-    setting
-        Where the motors of the lens stood, as read back.
-    base_from_hand
-        Where the robot said it stood.
-    exposure_s
-        Exposure time in seconds.
-    bit_depth
-        White is 2^bit_depth − 1 in the file.
-    frame
-        The PNG file in the folder of the run.
-    """
-
-    station: int
-    name: str
-    setting: LensSetting
-    base_from_hand: Pose
-    exposure_s: float
-    bit_depth: int
-    frame: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SequenceRun:
-    """The pictures of a sequence, all of them or up to where it was broken off.
-
-    Parameters
-    ----------
-    folder
-        Where they are.
-    sequence_digest
-        Of the sequence.
-    identity
-        Of the rig.
-    stations
-        How many pictures there are to be.
-    pictures
-        Those that are taken.
-    """
-
-    folder: Path
-    sequence_digest: str
-    identity: dict[str, str]
-    stations: int
-    pictures: tuple[Picture, ...]
-
-    @classmethod
-    def load(cls, folder: Path | str) -> SequenceRun:
-        """Read a run from its folder.
-
-        Parameters
-        ----------
-        folder
-            The folder.
-
-        Returns
-        -------
-        SequenceRun
-            All pictures whose entries are whole.
-
-        Raises
-        ------
-        FileError
-            When there is no run, it was altered, or it is from a newer version.
-        """
-        folder = Path(folder)
-        entries = list(read_journal(folder / JOURNAL))
-        if not entries or entries[0].get("entry") != "sequence":
-            raise FileError(f"{folder} holds no pictures of a sequence; choose another folder")
-        head = entries[0]
-        if not isinstance(head.get("version"), int) or head["version"] > VERSION:
-            raise FileError(
-                f"{folder} was written by a newer version (form {head.get('version')}; this "
-                f"lenscal reads up to {VERSION}): install a newer one"
-            )
-        return cls(
-            folder,
-            head["sequence_sha256"],
-            head["identity"],
-            head["stations"],
-            tuple(_picture(e) for e in entries[1:]),
-        )
 
 
 def run_sequence(
@@ -198,7 +103,7 @@ def run_sequence(
                 picture, more = _take(station, number, rig, path)
             except LensCalError as error:
                 raise _where(error, station, number, len(sequence), path) from error
-            journal.append(_entry(picture, station, clock()) | more)
+            journal.append(picture_to_json(picture, station) | more | {"taken": _date(clock())})
             taken.append(picture)
             if progress is not None:
                 progress(number + 1, len(sequence), station.name)
@@ -285,34 +190,6 @@ def _head(sequence: Sequence, rig: Rig, now: float) -> Json:
         "identity": {**rig.identities(), "lenscal": version("lenscal")},
         "begun": _date(now),
     }
-
-
-def _entry(picture: Picture, station: Station, now: float) -> Json:
-    return {
-        "entry": "picture",
-        "station": picture.station,
-        "name": picture.name,
-        "asked": asdict(station.setting),
-        "setting": asdict(picture.setting),
-        "approach": station.approach.value,
-        "base_from_hand": picture.base_from_hand.to_dict(),
-        "exposure_s": picture.exposure_s,
-        "bit_depth": picture.bit_depth,
-        "frame": picture.frame,
-        "taken": _date(now),
-    }
-
-
-def _picture(entry: Json) -> Picture:
-    return Picture(
-        entry["station"],
-        entry["name"],
-        LensSetting(**entry["setting"]),
-        Pose.from_dict(entry["base_from_hand"]),
-        entry["exposure_s"],
-        entry["bit_depth"],
-        entry["frame"],
-    )
 
 
 def _date(now: float) -> str:

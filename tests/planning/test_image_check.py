@@ -11,15 +11,10 @@ from lenscal.errors import DetectionError, PlanningError
 from lenscal.pose import Pose
 from lenscal.sensor import Sensor, Window
 from planning.enclosure import example_part
-from planning.image_check import (
-    TrueView,
-    bodies_for_pictures,
-    check_view,
-    ruler_decal,
-    ruler_on,
-)
+from planning.image_check import check_view, ruler_decal, ruler_on
 from planning.picture_plots import draw_check
 from planning.target import Target
+from planning.true_view import TrueView, bodies_for_pictures
 
 CAMERA = Camera(Sensor(512, 480, 0.0162, 0.0162), 120.0)
 BAND = Window(0, 140, 512, 200)

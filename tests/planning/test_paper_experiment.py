@@ -17,13 +17,14 @@ from lenscal.rig.simulated import SimulatedRig
 from lenscal.sensor import Window
 from lenscal.setting import ApproachSide, LensSetting
 from planning.enclosure import example_part
-from planning.image_check import TrueView, check_view
+from planning.image_check import check_view
 from planning.placement import place
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.margin import required_magnification
 from planning.requirements.resolution import Resolution
 from planning.settings import admissible_settings, object_distance_bounds_mm
 from planning.task_file import load_cell
+from planning.true_view import TrueView
 from planning.viewpoints import Ring, visible_arcs
 from planning.visibility.methods import visibility_region
 

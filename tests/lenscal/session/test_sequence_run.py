@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from lenscal.errors import DeviceError, FileError, FocusError, OutOfRangeError, SessionError
-from lenscal.journal import read_journal
+from lenscal.journal import JournalWriter, read_journal
 from lenscal.pose import Pose
 from lenscal.rig.simulated import SimulatedRig
 from lenscal.sequence import Sequence, Station
 from lenscal.session.aim import hand_pose
-from lenscal.session.sequence_run import SequenceRun, run_sequence
+from lenscal.session.pictures import SequenceRun
+from lenscal.session.sequence_run import run_sequence
 from lenscal.setting import ApproachSide, LensSetting
 
 SETTINGS = [LensSetting(98, 131, 20), LensSetting(102, 89, 20), LensSetting(100, 100, 20)]
@@ -166,10 +167,9 @@ def test_a_folder_that_holds_something_else_is_left_alone(rig, sequence, tmp_pat
         run_sequence(sequence, rig, tmp_path / "file")
 
 
-def test_a_run_from_a_newer_version(rig, sequence, tmp_path, monkeypatch):
-    monkeypatch.setattr("lenscal.session.sequence_run.VERSION", 2)
-    run_sequence(Sequence(sequence.stations[:1]), rig, tmp_path)
-    monkeypatch.setattr("lenscal.session.sequence_run.VERSION", 1)
+def test_a_run_from_a_newer_version(tmp_path):
+    with JournalWriter(tmp_path / "journal.jsonl") as journal:
+        journal.append({"entry": "sequence", "version": 2})
     with pytest.raises(FileError, match="was written by a newer version .form 2; this lenscal"):
         SequenceRun.load(tmp_path)
 
