@@ -5,6 +5,7 @@ Unknown keys are refused, and so is every length without a unit.
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -43,6 +44,31 @@ LengthMm = Annotated[
 ]
 #: A length greater than zero.
 PositiveLengthMm = Annotated[LengthMm, Field(gt=0)]
+
+#: A point or a shift along the axes of a frame.
+PointMm = tuple[LengthMm, LengthMm, LengthMm]
+
+
+class PoseSpec(Handwritten):
+    """A pose as it is written: an axis times an angle in degrees, and lengths with their unit.
+
+    Parameters
+    ----------
+    rotation_vector_deg
+        Axis times angle in degrees.
+    translation
+        Where the origin of the second frame lies in the first.
+    """
+
+    rotation_vector_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    translation: PointMm
+
+    @property
+    def rotation_vector_rad(self) -> tuple[float, float, float]:
+        """Axis times angle in radians."""
+        x, y, z = (math.radians(v) for v in self.rotation_vector_deg)
+        return x, y, z
+
 
 Model = TypeVar("Model", bound=Handwritten)
 

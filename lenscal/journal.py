@@ -20,26 +20,41 @@ from lenscal.errors import FileError
 
 
 class JournalWriter:
-    """The one writer of a new journal; use it in a ``with`` statement.
+    """The one writer of a journal; use it in a ``with`` statement.
 
     Parameters
     ----------
     path
-        The file; it must not exist yet. Its folder must.
+        The file. Its folder must exist.
+    resume
+        False: the file must not exist yet. True: go on with one that does; a last line that a crash
+        has torn is cut off.
 
     Raises
     ------
     FileError
-        When the file exists or cannot be made.
+        When the file exists or cannot be made; or, to go on with it, when it is missing, was
+        altered, or another program writes to it.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, resume: bool = False) -> None:
+        verb = "go on with" if resume else "begin"
         try:
-            self._file = open(path, "xb")
+            self._file = open(path, "r+b" if resume else "xb")
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            self._file.close()
+            raise FileError(
+                f"cannot {verb} the journal {path}: another program is writing to it"
+            ) from error
         except OSError as error:
-            raise FileError(f"cannot begin the journal {path}: {reason(error)}") from error
-        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            raise FileError(f"cannot {verb} the journal {path}: {reason(error)}") from error
         self._number = 0
+        if resume:
+            self._number = sum(1 for _ in read_journal(path))
+            content = self._file.read()
+            self._file.seek(content.rfind(b"\n") + 1)
+            self._file.truncate()
 
     def append(self, entry: Json) -> None:
         """Write an entry and wait until it is on the disk.

@@ -6,6 +6,7 @@ so that a right chain reads like a fraction, ``camera_from_hand @ hand_from_base
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,6 +114,35 @@ class Pose:
         full[:3, :3] = self.rotation
         full[:3, 3] = self.translation_mm
         return full
+
+    @classmethod
+    def from_dict(cls, words: Mapping[str, npt.ArrayLike]) -> Pose:
+        """Read what `to_dict` gave.
+
+        Parameters
+        ----------
+        words
+            ``rotation``, (3, 3), and ``translation_mm``, (3,).
+
+        Returns
+        -------
+        Pose
+            The same transform, to the last digit.
+        """
+        return cls(np.asarray(words["rotation"]), np.asarray(words["translation_mm"]))
+
+    def to_dict(self) -> dict[str, list[float] | list[list[float]]]:
+        """Give the transform as JSON can hold it.
+
+        Returns
+        -------
+        dict
+            ``rotation``, three rows, and ``translation_mm``.
+        """
+        return {
+            "rotation": self.rotation.tolist(),
+            "translation_mm": self.translation_mm.tolist(),
+        }
 
     @property
     def rotation_vector(self) -> FloatArray:

@@ -12,26 +12,36 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import cv2
 import numpy as np
 from rich.console import Console
 
 from lenscal.arrays import FloatArray
+from lenscal.calibration.calibration import Repeatability
 from lenscal.document import write_whole
 from lenscal.errors import PlanningError, SessionError
 from lenscal.maps.lens_map import LensMap
 from lenscal.pose import Pose
 from lenscal.progress import progress_bar
+from lenscal.recording import Recording
 from lenscal.rig.simulated import SimulatedRig
+from lenscal.rig.simulated.simulated_rig import MOUNTING_ERROR, REPEATABILITY
 from lenscal.setting import LensSetting
 from lenscal.units import MM_PER_INCH
 from lenscal.workflow import SessionPlan, calibrate_lens
 from planning.enclosure import example_part
 from planning.figures import save_figures
+from planning.image_check import ImageCheck, check_view
+from planning.placement import Placement, place_plan
+from planning.placement_export import as_sequence
+from planning.placement_file import mount_of_session
 from planning.planner import Plan, plan
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.margin import Requirement
 from planning.requirements.resolution import Resolution
+from planning.robot_cell import RobotCell
 from planning.task import Task
+from planning.true_view import TrueView
 from planning.verify import Verification, verify_viewpoint
 from planning.viewpoint_table import viewpoint_table
 
@@ -69,6 +79,8 @@ class Summary:
         How many viewpoints the planner found.
     viewpoints_verified
         How many of them satisfy everything in truth.
+    worst_pictured_error_px
+        How far the inch is from its planned length, measured in the pictures of two viewpoints.
     """
 
     settings: int
@@ -78,6 +90,7 @@ class Summary:
     worst_nodal_offset_error_mm: float
     viewpoints: int
     viewpoints_verified: int
+    worst_pictured_error_px: float
 
 
 def run_demo(out: Path, seed: int) -> Summary:
@@ -119,7 +132,11 @@ def run_demo(out: Path, seed: int) -> Summary:
     found.save(out / "plan.json")
     if found.why_empty:
         raise PlanningError(f"the demo found no viewpoint: {found.why_empty}")
-    checks = [verify_in_truth(rig, found, row) for row in range(len(found.viewpoints))]
+    placed = place_plan(found, robot_cell(rig, lens.recording))
+    as_sequence(placed).save(out / "sequence.json")
+    rig.lay_down([], placed.cell.base_from_part)
+    checks = [verify_in_truth(rig, found, one) for one in placed.placements]
+    pictures = take_pictures(rig, found, placed.placements, out)
     errors = worst_errors(lens.lens_map, rig)
     summary = Summary(
         settings=len(lens.lens_map.samples),
@@ -129,6 +146,7 @@ def run_demo(out: Path, seed: int) -> Summary:
         worst_nodal_offset_error_mm=errors["nodal_offset_mm"],
         viewpoints=len(checks),
         viewpoints_verified=sum(check.satisfied for check in checks),
+        worst_pictured_error_px=max(abs(p.feature_px - p.planned_px) for p in pictures),
     )
     write_whole(out / "summary.json", json.dumps(asdict(summary), indent=1) + "\n")
     save_figures(out, lens.lens_map, found)
@@ -137,7 +155,32 @@ def run_demo(out: Path, seed: int) -> Summary:
     return summary
 
 
-def verify_in_truth(rig: SimulatedRig, found: Plan, row: int) -> Verification:
+def robot_cell(rig: SimulatedRig, recording: Recording) -> RobotCell:
+    """Describe the cell: the part lies where the target lay, seen from its other side.
+
+    Parameters
+    ----------
+    rig
+        The rig that was calibrated.
+    recording
+        The session, whose rig stated how the camera sits on the hand.
+
+    Returns
+    -------
+    RobotCell
+        As far as the rig can know it.
+    """
+    part_sigma = np.repeat([MOUNTING_ERROR.rotation_rad, MOUNTING_ERROR.translation_mm], 3)
+    return RobotCell(
+        mount_of_session(recording),
+        rig.base_from_target @ _PART_FROM_TARGET.inverse(),
+        np.diag(part_sigma**2),
+        Repeatability(REPEATABILITY.rotation_rad, REPEATABILITY.translation_mm),
+        iris=SESSION["views"]["iris"],
+    )
+
+
+def verify_in_truth(rig: SimulatedRig, found: Plan, placement: Placement) -> Verification:
     """Send the simulated robot to a viewpoint and look through the true camera.
 
     The robot knows the standoff only: it puts the reference projection centre there, with the
@@ -146,35 +189,91 @@ def verify_in_truth(rig: SimulatedRig, found: Plan, row: int) -> Verification:
     Parameters
     ----------
     rig
-        The rig that was calibrated.
+        The rig that was calibrated, with the part on its bench.
     found
         The plan.
-    row
-        Which viewpoint of it.
+    placement
+        One of its viewpoints.
 
     Returns
     -------
     Verification
         What the true camera sees.
     """
-    viewpoint = found.viewpoints.iloc[row]
-    setting = LensSetting(viewpoint["zoom"], viewpoint["focus"], SESSION["views"]["iris"])
-    rig.lens.move_to(setting)
-    camera_from_reference = Pose(np.eye(3), np.array([0, 0, viewpoint["nodal_offset_mm"]]))
-    target_from_reference = _PART_FROM_TARGET @ found.poses[row] @ camera_from_reference
-    rig.positioner.move_to(
-        rig.base_from_target @ target_from_reference @ rig.hand_from_camera.inverse()
-    )
-    part_from_camera = _PART_FROM_TARGET @ rig.true_camera_from_target().inverse()
+    view = true_view(rig, placement)
     task = found.task
     return verify_viewpoint(
-        rig.truth(setting).camera,
-        part_from_camera,
+        view.camera,
+        view.part_from_camera,
         task.target,
         task.seen_feature,
         task.requirements,
         found.scene,
     )
+
+
+def true_view(rig: SimulatedRig, placement: Placement) -> TrueView:
+    """Send the simulated robot to a viewpoint, set the lens, and tell what decides the picture.
+
+    Parameters
+    ----------
+    rig
+        The rig, with the part on its bench.
+    placement
+        Where to go.
+
+    Returns
+    -------
+    TrueView
+        The truth.
+    """
+    rig.lens.move_to(placement.setting, placement.approach)
+    rig.positioner.move_to(placement.base_from_hand)
+    truth = rig.truth(placement.setting)
+    return TrueView(
+        truth.camera,
+        rig.true_part_from_camera(),
+        truth.object_distance_mm,
+        truth.entrance_pupil_diameter_mm,
+        truth.falloff,
+    )
+
+
+def take_pictures(
+    rig: SimulatedRig, found: Plan, placements: Sequence[Placement], out: Path
+) -> list[ImageCheck]:
+    """Look at a ruler on the target from where it is seen smallest and largest, and measure it.
+
+    Parameters
+    ----------
+    rig
+        The rig, with the part on its bench.
+    found
+        The plan.
+    placements
+        Its viewpoints.
+    out
+        Folder for ``picture-<viewpoint>.png``.
+
+    Returns
+    -------
+    list of ImageCheck
+        One per picture.
+    """
+    task = found.task
+    by_size = sorted(placements, key=lambda p: found.viewpoints["magnification"][p.viewpoint])
+    checks = []
+    for placement in (by_size[0], by_size[-1]):
+        ends = found.camera(placement.viewpoint).project(
+            placement.part_from_camera.inverse().transform(task.seen_feature.vertices_mm)
+        )
+        planned_px = float(np.linalg.norm(ends[1] - ends[0]))
+        view = true_view(rig, placement)
+        check = check_view(view, found.scene, task.seen_feature, task.target, planned_px)
+        grey = np.rint(255 * np.clip(check.image, 0.0, 1.0)).astype(np.uint8)
+        cv2.imwrite(str(out / f"picture-{placement.viewpoint}.png"), grey)
+        checks.append(check)
+    return checks
 
 
 def worst_errors(lens_map: LensMap, rig: SimulatedRig) -> dict[str, float]:
@@ -228,5 +327,7 @@ def _tell(console: Console, summary: Summary, out: Path) -> None:
         f"D {summary.worst_object_distance_error:.2%}, "
         f"standoff {summary.worst_standoff_error_mm:.2f} mm, "
         f"offset {summary.worst_nodal_offset_error_mm:.1f} mm.\n"
-        f"Session, table, map, figures and plan are in {out}."
+        "In two pictures of a ruler on the target the inch is within "
+        f"{summary.worst_pictured_error_px:.2f} px of its planned length.\n"
+        f"Session, table, map, figures, plan, sequence and pictures are in {out}."
     )

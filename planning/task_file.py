@@ -44,6 +44,8 @@ Every length carries its unit, or is refused::
     [[requirements]]
     kind = "visibility"
     distance = "2 mm"
+
+A table ``[placement]``, see `planning.placement_file`, says in which robot cell.
 """
 
 from __future__ import annotations
@@ -56,7 +58,9 @@ from pydantic import Field, model_validator
 
 from lenscal.handwritten import Handwritten, load_toml
 from planning.fixed_lens import FixedLens
+from planning.placement_file import PlacementSpec
 from planning.requirement_specs import PointMm, RequirementSpec, requirement
+from planning.robot_cell import RobotCell
 from planning.scene import Scene
 from planning.solid import box_workspace
 from planning.target import Target
@@ -155,6 +159,8 @@ class TaskFile(Handwritten):
         Where the projection centre may be.
     requirements
         What the image of the feature must satisfy.
+    placement
+        The robot cell that the plan is to be carried out in; None to plan only.
     """
 
     name: str = ""
@@ -165,6 +171,7 @@ class TaskFile(Handwritten):
     feature: list[PointMm] | None = None
     workspace: WorkspaceSpec
     requirements: list[RequirementSpec] = Field(min_length=1)
+    placement: PlacementSpec | None = None
 
     def build(self, scene: Scene, folder: Path = Path()) -> Task:
         """Make the task.
@@ -218,3 +225,27 @@ def load_task(path: Path | str) -> tuple[Task, LensMap | FixedLens, Scene]:
     spec = load_toml(path, TaskFile, "task")
     scene = Scene.load(path.parent / spec.part, spec.unit)
     return spec.build(scene, path.parent), LensMap.load(path.parent / spec.lens), scene
+
+
+def load_cell(path: Path | str) -> RobotCell | None:
+    """Read the robot cell of a task file.
+
+    Parameters
+    ----------
+    path
+        The TOML file. Names of files in it are relative to its folder.
+
+    Returns
+    -------
+    RobotCell or None
+        The cell; None where the task has no table ``[placement]``.
+
+    Raises
+    ------
+    FileError
+        When a file is missing or cannot be used.
+    InputError
+        When it says something that is not understood.
+    """
+    spec = load_toml(path, TaskFile, "task").placement
+    return None if spec is None else spec.build(Path(path).parent)

@@ -179,6 +179,7 @@ def calibrate_recording(
         failures=tuple(failures),
         evidence=tuple(evidence),
         versions={name: version(name) for name in ("lenscal", "numpy", "scipy")},
+        identity=recording.head.identity,
     )
 
 

@@ -117,6 +117,8 @@ class CalibrationTable:
         One entry per row: covariances of all quantities, rejections, warnings.
     versions
         Of the programs that made it.
+    identity
+        Names of the devices that it was recorded with, by role.
 
     Raises
     ------
@@ -131,6 +133,7 @@ class CalibrationTable:
     failures: tuple[Failure, ...] = ()
     evidence: tuple[Json, ...] = ()
     versions: dict[str, str] = field(default_factory=dict)
+    identity: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         missing = [column for column in COLUMNS if column not in self.rows.columns]
@@ -187,6 +190,7 @@ class CalibrationTable:
                 ],
                 "evidence": list(self.evidence),
                 "versions": self.versions,
+                "identity": self.identity,
             },
         )
         return write_whole(table, text)
@@ -234,6 +238,8 @@ class CalibrationTable:
             tuple(Failure(**failure) for failure in body["failures"]),
             tuple(body["evidence"]),
             body["versions"],
+            # Older tables do not say.
+            body.get("identity", {}),
         )
 
 

@@ -92,3 +92,45 @@ def look(
     click.echo(
         f"{stands} at {standoff_mm:g} mm, exposed for {1000 * exposure_s:.3g} ms, saved in {out}"
     )
+
+
+@rig.command()
+@click.argument("sequence", type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "--rig",
+    "rig_file",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The rig (.toml): its devices, and for a simulated one the part on its bench.",
+)
+@click.option(
+    "-o",
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for the pictures; one that this sequence was broken off in is gone on with.",
+)
+def run(sequence: Path, rig_file: Path, out: Path) -> None:
+    """Carry out SEQUENCE, which `lenscal plan` wrote: go there, set the lens, take the picture.
+
+    Every setting is approached from the side that the lens was calibrated from. Before anything
+    moves, all settings and poses are held against travel and reach. Pictures are PNG with all bits
+    of the camera; journal.jsonl says of each where the robot and the lens stood.
+
+    \b
+    Example:
+      lenscal rig run sequence.json --rig data/rig.toml -o pictures
+    """
+    from contextlib import closing
+
+    from lenscal.progress import progress_bar
+    from lenscal.rig.description import load_rig
+    from lenscal.sequence import Sequence
+    from lenscal.session.sequence_run import run_sequence
+
+    loaded = Sequence.load(sequence)
+    with closing(load_rig(rig_file)) as described, progress_bar("pictures") as progress:
+        done = run_sequence(loaded, described, out, progress=progress)
+    for picture in done.pictures:
+        click.echo(f"{picture.frame}: {picture.name}, {picture.setting}")
+    click.echo(f"pictures of {done.stations} viewpoints and their record are in {out}")

@@ -46,6 +46,7 @@ def fit_lens_map(
     reference_setting: LensSetting | None = None,
     log_smoothing: Mapping[str, npt.ArrayLike] | None = None,
     pupil_samples: pd.DataFrame | None = None,
+    identity: Mapping[str, str] | None = None,
 ) -> LensMap:
     """Fit a lens map to one sample per setting.
 
@@ -67,6 +68,9 @@ def fit_lens_map(
         Further samples of the entrance pupil, such as the rows of a session whose autofocus was
         made at another iris: zoom, focus, image_distance_mm, pupil_iris,
         entrance_pupil_diameter_mm and its σ. Those of the table itself always count.
+    identity
+        Names of the devices that the table was recorded with, by role, where it does not carry
+        them itself.
 
     Returns
     -------
@@ -83,6 +87,7 @@ def fit_lens_map(
     if not isinstance(table, pd.DataFrame):
         sensor = sensor or table.sensor
         reference_setting = reference_setting or table.reference_setting
+        identity = identity or table.identity
         table = table.to_dataframe()
     samples = _checked(table)
     chosen: Mapping[str, Any] = log_smoothing or {}
@@ -124,6 +129,7 @@ def fit_lens_map(
         notes=(*notes, *pupil_notes),
         pupil=pupil,
         pupil_samples=pupil_samples,
+        identity=dict(identity or {}),
     )
 
 

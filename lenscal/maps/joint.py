@@ -102,6 +102,7 @@ def refine_lens_map(
             pd.DataFrame(rows),
             sensor=current.sensor,
             reference_setting=current.reference_setting,
+            identity=current.identity,
             pupil_samples=pupil,
         )
         moved = _moved(current, refined)

@@ -65,6 +65,8 @@ class LensMap(PupilQuantities):
         The entrance pupil, or None where no sample tells it.
     pupil_samples
         Samples of the entrance pupil besides those in `samples`, at other irises; or None.
+    identity
+        Names of the devices that the samples were recorded with, by role, as far as known.
     """
 
     samples: pd.DataFrame
@@ -76,6 +78,7 @@ class LensMap(PupilQuantities):
     notes: tuple[str, ...] = field(default=())
     pupil: PupilMap | None = None
     pupil_samples: pd.DataFrame | None = None
+    identity: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def has_object_distance(self) -> bool:

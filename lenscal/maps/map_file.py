@@ -49,6 +49,7 @@ def to_json(lens_map: LensMap) -> Json:
     return {
         "sensor": sensor and dataclasses.asdict(sensor),
         "reference_setting": setting and dataclasses.astuple(setting),
+        **({"identity": dict(lens_map.identity)} if lens_map.identity else {}),
         "notes": list(lens_map.notes),
         "domain": lens_map.domain.outline.tolist(),
         "surfaces": {
@@ -127,6 +128,7 @@ def load(path: Path | str) -> LensMap:
         log_smoothing=_chosen(body),
         # Older maps lack what follows.
         pupil_samples=None if further is None else pd.DataFrame(further),
+        identity=body.get("identity"),
     )
     for name, stated in body["surfaces"].items():
         mine, its = _surfaces(found, name, path).coefficients, np.array(stated["coefficients"])

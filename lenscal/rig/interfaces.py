@@ -178,6 +178,22 @@ class Positioner(Device):
     def base_from_hand(self) -> Pose:
         """Where the hand is, as the positioner reports it."""
 
+    def check(self, base_from_hand: Pose) -> None:
+        """Refuse a pose beyond reach, before anything moves.
+
+        A positioner that can tell only by trying does nothing here.
+
+        Parameters
+        ----------
+        base_from_hand
+            The pose that would be asked for.
+
+        Raises
+        ------
+        OutOfRangeError
+            When the pose is beyond reach.
+        """
+
     @abstractmethod
     def move_to(self, base_from_hand: Pose) -> Pose:
         """Move the hand and wait until it rests.

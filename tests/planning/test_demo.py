@@ -8,6 +8,7 @@ from lenscal.calibration.table import CalibrationTable
 from lenscal.errors import PlanningError, SessionError
 from lenscal.maps.lens_map import LensMap
 from lenscal.recording import Recording
+from lenscal.sequence import Sequence
 from lenscal.session.plan import SessionPlan
 from lenscal.workflow import CalibratedLens
 from planning import demo
@@ -39,6 +40,13 @@ def test_the_map_is_the_lens(summary):
 def test_every_planned_viewpoint_holds_in_truth(summary):
     assert summary["viewpoints"] >= 4
     assert summary["viewpoints_verified"] == summary["viewpoints"]
+
+
+def test_pictures_show_what_was_planned(folder, summary):
+    """Measured on a ruler in the picture of the true lens; the paper's own bar is 3 px."""
+    assert summary["worst_pictured_error_px"] < 1
+    assert len(list(folder.glob("picture-*.png"))) == 2
+    assert len(Sequence.load(folder / "sequence.json")) == summary["viewpoints"]
 
 
 def test_viewpoints_look_through_both_holes(folder):

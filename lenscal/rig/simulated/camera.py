@@ -9,8 +9,10 @@ import numpy as np
 from lenscal.errors import DeviceError, OutOfRangeError
 from lenscal.imaging.detector import Detector
 from lenscal.imaging.formation import render, window_inside
+from lenscal.imaging.texture import Float32Image
 from lenscal.pose import Pose
 from lenscal.rig.interfaces import CameraDevice, Frame
+from lenscal.rig.simulated.lens_truth import LensTruth
 from lenscal.rig.simulated.world import World
 from lenscal.sensor import Sensor, Window
 
@@ -119,7 +121,7 @@ class SimulatedCamera(CameraDevice):
         Raises
         ------
         DeviceError
-            When the plate is where the lens is.
+            When the plate, or the part, is where the lens is.
         InputError
             When the window leaves the frame.
         OutOfRangeError
@@ -127,9 +129,24 @@ class SimulatedCamera(CameraDevice):
         """
         world, truth = self._world, self._world.lens_truth()
         view = window_inside(window, self.sensor)
+        irradiance = self._irradiance(truth, view)
+        electrons = self._detector.electrons(irradiance, self._exposure_s, truth.f_number)
+        image = self._detector.read(electrons, world.rng)
+        began_s = world.clock_s
+        world.advance(self._exposure_s + _READOUT_S)
+        return Frame(image, self._detector.bit_depth, began_s, view)
+
+    def _irradiance(self, truth: LensTruth, view: Window) -> Float32Image:
+        world = self._world
+        if world.workpiece is not None:
+            base_from_camera = world.base_from_camera()
+            world.workpiece.refuse_collision(
+                world.lens.body, truth.front_depth_mm, base_from_camera
+            )
+            return world.workpiece.image(truth, base_from_camera, view)
         camera_from_target = world.camera_from_target()
         self._refuse_collision(camera_from_target, truth.front_depth_mm)
-        irradiance = render(
+        return render(
             truth.camera,
             camera_from_target,
             world.surface,
@@ -138,11 +155,6 @@ class SimulatedCamera(CameraDevice):
             window=view,
             falloff=truth.falloff,
         )
-        electrons = self._detector.electrons(irradiance, self._exposure_s, truth.f_number)
-        image = self._detector.read(electrons, world.rng)
-        began_s = world.clock_s
-        world.advance(self._exposure_s + _READOUT_S)
-        return Frame(image, self._detector.bit_depth, began_s, view)
 
     def _refuse_collision(self, camera_from_target: Pose, front_depth_mm: float) -> None:
         """Refuse a plate that the axis meets between the projection centre and the front glass."""

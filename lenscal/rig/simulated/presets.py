@@ -10,8 +10,8 @@ import numpy as np
 
 from lenscal.imaging.detector import Detector
 from lenscal.pose import Pose
+from lenscal.reach import Reach
 from lenscal.rig.simulated.machine_vision import machine_vision_lens
-from lenscal.rig.simulated.positioner import Workspace
 from lenscal.rig.simulated.vicon_1990 import vicon_lens
 from lenscal.rig.simulated.zoom_lens import ZoomLens
 
@@ -41,7 +41,7 @@ class RigPreset:
     target: str
     hand_from_camera: Pose
     base_from_target: Pose
-    workspace: Workspace
+    workspace: Reach
 
 
 #: The camera sits beside and ahead of the hand, a quarter turn about the axis.
@@ -80,9 +80,7 @@ PRESETS: Final[dict[str, RigPreset]] = {
         hand_from_camera=_HAND_FROM_CAMERA,
         base_from_target=_BASE_FROM_TARGET,
         # Holds cameras 200 to 900 mm above the plate, tilted up to 35 degrees about it.
-        workspace=Workspace(
-            np.array([-100.0, -600.0, 250.0]), np.array([1300.0, 800.0, 1300.0]), 45.0
-        ),
+        workspace=Reach(np.array([-100.0, -600.0, 250.0]), np.array([1300.0, 800.0, 1300.0]), 45.0),
     ),
     "machine-vision": RigPreset(
         lens=machine_vision_lens,
@@ -98,7 +96,7 @@ PRESETS: Final[dict[str, RigPreset]] = {
         hand_from_camera=_HAND_FROM_CAMERA,
         base_from_target=_BASE_FROM_TARGET,
         # A gantry for distances of 0.3 to 2.5 m, tilted up to 30 degrees about the plate.
-        workspace=Workspace(
+        workspace=Reach(
             np.array([-1200.0, -1700.0, 300.0]), np.array([2400.0, 1900.0, 3000.0]), 45.0
         ),
     ),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
 from lenscal.errors import InputError
+from lenscal.imaging.decal import Decal
+from lenscal.imaging.raycast import Body
 from lenscal.imaging.texture import TargetSurface
 from lenscal.plate import parse_target
 from lenscal.pose import Pose
@@ -20,6 +23,7 @@ from lenscal.rig.simulated.motor_faults import LensFaults
 from lenscal.rig.simulated.motors import LensMotors
 from lenscal.rig.simulated.positioner import SimulatedPositioner
 from lenscal.rig.simulated.presets import PRESETS
+from lenscal.rig.simulated.workpiece import Workpiece
 from lenscal.rig.simulated.world import PoseNoise, World
 from lenscal.setting import LensSetting
 
@@ -118,6 +122,40 @@ class SimulatedRig(Rig):
     def body(self) -> LensBody:
         """Front glass and barrel of the lens, for planning clearance."""
         return self.world.lens.body
+
+    def lay_down(
+        self, bodies: Sequence[Body], base_from_part: Pose, decals: Sequence[Decal] = ()
+    ) -> None:
+        """Put a part on the bench in place of the target.
+
+        Parameters
+        ----------
+        bodies
+            Of the part, in its own frame.
+        base_from_part
+            Where it lies, as taught; in truth it is off by the same motion as the target.
+        decals
+            Pictures that lie on it, such as a ruler.
+        """
+        true_from_taught = self.world.base_from_target @ self.base_from_target.inverse()
+        self.world.workpiece = Workpiece(bodies, true_from_taught @ base_from_part, decals)
+
+    def true_part_from_camera(self) -> Pose:
+        """Tell where the camera is in the frame of the part, as the lens stands.
+
+        Returns
+        -------
+        Pose
+            The truth.
+
+        Raises
+        ------
+        InputError
+            When no part lies on the bench.
+        """
+        if self.world.workpiece is None:
+            raise InputError("no part lies on the bench; put one there with lay_down")
+        return self.world.workpiece.base_from_part.inverse() @ self.world.base_from_camera()
 
     def truth(self, setting: LensSetting) -> LensTruth:
         """Tell the truth about a setting at which the glass would truly stand.

@@ -10,6 +10,7 @@ from lenscal.imaging.texture import TargetSurface
 from lenscal.pose import Pose
 from lenscal.rig.simulated.lens_truth import LensTruth
 from lenscal.rig.simulated.motors import LensMotors
+from lenscal.rig.simulated.workpiece import Workpiece
 from lenscal.rig.simulated.zoom_lens import ZoomLens
 from lenscal.setting import LensSetting
 
@@ -68,6 +69,8 @@ class World:
         Source of all randomness.
     clock_s
         Seconds since the rig was switched on. Moving and exposing advance it; nothing sleeps.
+    workpiece
+        What lies on the bench instead of the target, or None.
     """
 
     lens: ZoomLens
@@ -78,6 +81,7 @@ class World:
     motors: LensMotors
     rng: np.random.Generator
     clock_s: float = 0.0
+    workpiece: Workpiece | None = None
 
     def advance(self, duration_s: float) -> None:
         """Let time pass.
@@ -112,6 +116,16 @@ class World:
     def camera_from_target(self) -> Pose:
         """Tell where the target is as the lens stands.
 
+        Returns
+        -------
+        Pose
+            The truth.
+        """
+        return self.base_from_camera().inverse() @ self.base_from_target
+
+    def base_from_camera(self) -> Pose:
+        """Tell where the camera is as the lens stands.
+
         The projection centre of a setting lies its nodal offset behind that of the reference
         setting, for which the place of the camera in the hand is given.
 
@@ -122,5 +136,4 @@ class World:
         """
         offset_mm = self.lens.nodal_offset_mm(self.true_setting)
         reference_from_camera = Pose(np.eye(3), np.array([0.0, 0.0, -offset_mm]))
-        base_from_camera = self.base_from_hand @ self.hand_from_camera @ reference_from_camera
-        return base_from_camera.inverse() @ self.base_from_target
+        return self.base_from_hand @ self.hand_from_camera @ reference_from_camera

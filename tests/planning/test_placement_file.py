@@ -1,0 +1,138 @@
+"""The table [placement] of a task file, and what `lenscal plan` makes of it."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from lenscal.camera_mount import CameraMount
+from lenscal.errors import FileError, InputError, PlanningError
+from lenscal.pose import Pose
+from lenscal.recording import Recording
+from lenscal.sequence import Sequence
+from lenscal.setting import ApproachSide
+from planning import cli
+from planning.placement_file import mount_of_session
+from planning.task_file import load_cell
+
+
+@pytest.fixture(scope="module")
+def data(request):
+    return request.config.rootpath / "data"
+
+
+@pytest.fixture
+def folder(data, tmp_path):
+    """The task of the data folder, with its files beside it."""
+    shutil.copy(data / "part.stl", tmp_path)
+    shutil.copytree(data / "vicon-1990", tmp_path / "vicon-1990")
+    shutil.copy(data / "task.toml", tmp_path)
+    return tmp_path
+
+
+def change(folder, old, new):
+    text = (folder / "task.toml").read_text()
+    assert old in text
+    (folder / "task.toml").write_text(text.replace(old, new))
+
+
+def run(folder, *words):
+    arguments = [str(folder / "task.toml"), "-o", str(folder / "plan.json"), *map(str, words)]
+    return CliRunner().invoke(cli.plan, arguments, catch_exceptions=False)
+
+
+def test_a_cell_as_it_is_written(data) -> None:
+    cell = load_cell(data / "task.toml")
+    head = Recording.load(data / "vicon-1990" / "session").head
+    assert cell.mount.anchors_offsets
+    assert cell.mount.identity == head.identity
+    np.testing.assert_array_equal(cell.mount.hand_from_camera.matrix, head.hand_from_camera.matrix)
+    # The part lies where the board lay, seen from its other side.
+    turned = head.base_from_target @ Pose.from_rotation_vector([np.pi, 0, 0])
+    np.testing.assert_allclose(cell.base_from_part.matrix, turned.matrix, atol=1e-12)
+    sigmas = np.sqrt(np.diag(cell.part_covariance))
+    np.testing.assert_allclose(sigmas, np.repeat([np.radians(0.0115), 0.05], 3))
+    assert cell.repeatability.translation_mm == 0.02
+    np.testing.assert_allclose(cell.reach.high_mm, [1300, 800, 1300])
+    assert (cell.reach.tilt_limit_deg, cell.iris, cell.approach) == (45, 20, None)
+
+
+def test_what_is_left_out_is_known_exactly(folder) -> None:
+    text = (folder / "task.toml").read_text()
+    head, _, _ = text.partition("part_sigma")
+    (folder / "task.toml").write_text(head + 'approach = "from_above"\n')
+    cell = load_cell(folder / "task.toml")
+    assert (cell.part_covariance, cell.repeatability, cell.reach) == (None, None, None)
+    assert cell.approach is ApproachSide.FROM_ABOVE
+
+
+def test_plan_writes_the_sequence_and_the_placements(folder) -> None:
+    done = run(folder, "--placements", folder / "placements.csv")
+    assert done.exit_code == 0
+    assert "note: the lens map does not map the lateral wander" in done.output
+    assert "next: lenscal rig run" in done.output
+    sequence = Sequence.load(folder / "sequence.json")
+    assert len(sequence) > 6
+    assert (folder / "placements.csv").read_text().count("\n") == len(sequence) + 1
+
+
+def test_plan_names_what_is_out_of_reach(folder) -> None:
+    change(folder, '"1.3 m"], tilt_deg', '"60 cm"], tilt_deg')
+    done = run(folder, "--sequence", folder / "some" / "s.json")
+    assert "is left out: z = " in done.output
+    assert len(Sequence.load(folder / "some" / "s.json")) > 1
+
+
+def test_without_a_cell_there_is_no_sequence(folder) -> None:
+    text = (folder / "task.toml").read_text()
+    (folder / "task.toml").write_text(text.partition("[placement]")[0])
+    assert load_cell(folder / "task.toml") is None
+    assert run(folder).exit_code == 0
+    assert not (folder / "sequence.json").exists()
+    with pytest.raises(PlanningError, match="does not say where the robot stands; add a table"):
+        run(folder, "--sequence", folder / "s.json")
+
+
+def test_a_hand_eye_file_takes_the_place_of_a_session(folder) -> None:
+    mount = mount_of_session(Recording.load(folder / "vicon-1990" / "session"))
+    mount.save(folder / "hand_eye.json")
+    change(folder, '"vicon-1990/session"', '"hand_eye.json"')
+    cell = load_cell(folder / "task.toml")
+    np.testing.assert_array_equal(cell.mount.covariance, mount.covariance)
+    CameraMount(
+        mount.hand_from_camera, mount.covariance, mount.reference_setting, {"rig": "number 7"}
+    ).save(folder / "hand_eye.json")
+    with pytest.raises(PlanningError, match="is of another rig than the lens map: its rig is 'num"):
+        run(folder)
+    assert not (folder / "sequence.json").exists()
+
+
+def test_a_session_that_does_not_know_its_mounting(data) -> None:
+    recording = Recording.load(data / "vicon-1990" / "session")
+    blind = replace(recording, head=replace(recording.head, hand_from_camera=None))
+    with pytest.raises(PlanningError, match="does not say how the camera sits on the hand; name"):
+        mount_of_session(blind)
+    vague = replace(recording, head=replace(recording.head, hand_eye_sigma_mm=None))
+    with pytest.raises(PlanningError, match="does not say how well it knows how the camera sits"):
+        mount_of_session(vague)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "error", "message"),
+    [
+        ('translation = "0.05 mm"', "translation = 0.05", InputError, "part_sigma.*needs its unit"),
+        ('"60 cm", "10 cm"', '"60", "10 cm"', InputError, "'60' has no unit"),
+        ('"vicon-1990/session"', '"none.json"', FileError, "cannot read .*none.json"),
+        ("tilt_deg = 45", "tilt_deg = 450", InputError, "placement.reach.tilt_deg: "),
+        ('translation = "0.02 mm"', 'translation = "-1 mm"', InputError, "repeatability.translat"),
+        ("iris = 20", 'iris = 20\napproach = "sideways"', InputError, "placement.approach: "),
+    ],
+)
+def test_cells_that_are_not_understood(folder, old, new, error, message) -> None:
+    change(folder, old, new)
+    with pytest.raises(error, match=message):
+        load_cell(folder / "task.toml")
