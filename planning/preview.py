@@ -220,6 +220,8 @@ def facts_of(
         ("audit", f"{audit.disagreements} of {audit.viewpoints} viewpoints disagree"),
         ("", f"outside of {audit.tolerance_mm:.2g} mm about the boundary"),
     ]
+    if audit.margin_mm > 0:
+        facts.append(("margin", f"occluders larger by {audit.margin_mm:g} mm on all sides"))
     for source in scene.sources:
         chords = source.chord_tolerance_mm
         tolerance = f", chords within {chords:g} mm" if chords is not None else ""

@@ -48,7 +48,20 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
     show_default=True,
     help="How far triangles may leave curved surfaces of a STEP file.",
 )
-@click.option("--method", default="direct", show_default=True, help="How it is computed.")
+@click.option(
+    "--margin",
+    metavar="LENGTH",
+    default="0 mm",
+    show_default=True,
+    help="Make all that can hide the target larger by this first: a region on the safe side.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["direct", "decomposition"]),
+    default="direct",
+    show_default=True,
+    help="How it is computed; the second is the paper's, for small parts.",
+)
 @click.option(
     "-o",
     "--out",
@@ -70,6 +83,7 @@ def visibility(
     fill_holes: bool,
     as_faces: bool,
     chord_tolerance: str,
+    margin: str,
     method: str,
     out: Path | None,
     html: Path | None,
@@ -89,6 +103,7 @@ def visibility(
     """
     from functools import reduce
 
+    from lenscal.progress import progress_bar
     from lenscal.units import parse_length_mm
     from planning.scene import Scene
     from planning.spoken import spoken_targets, spoken_workspace
@@ -102,10 +117,22 @@ def visibility(
     camera_space, said = spoken_workspace(workspace, scene, targets)
     if said:
         click.echo(said)
-    regions = [
-        visibility_region(scene, target, camera_space, method, audit_points, seed)
-        for target in targets
-    ]
+    margin_mm = parse_length_mm(margin)
+    regions = []
+    for target in targets:
+        with progress_bar("visibility") as progress:
+            regions.append(
+                visibility_region(
+                    scene,
+                    target,
+                    camera_space,
+                    method,
+                    audit_points,
+                    seed,
+                    margin_mm=margin_mm,
+                    progress=progress,
+                )
+            )
     region = reduce(lambda one, other: one.intersect(other), regions)
     _tell(scene, targets, region)
     _write(scene, targets, region, part.stem, out, html, png)

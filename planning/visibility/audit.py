@@ -6,7 +6,7 @@ boundary, on either side, where a fault would show.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -48,6 +48,9 @@ class Audit:
         up at worst.
     repairs
         How many boolean operations had to be repeated.
+    margin_mm
+        By how much occluders were made larger, in mm. Then the region is meant to be smaller than
+        what the test finds, and only viewpoints in it that the test finds blocked disagree.
     """
 
     viewpoints: int
@@ -57,6 +60,7 @@ class Audit:
     visible: int
     imbalance: float
     repairs: int
+    margin_mm: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Give the record as JSON can hold it.
@@ -87,17 +91,17 @@ class Audit:
         Audit
             A new record.
         """
-        wrong = sees != region.contains(points_mm)
-        wrong |= sees != region.solid.contains(points_mm)
+        claims = (region.contains(points_mm), region.solid.contains(points_mm))
+        wrong = (claims[0] | claims[1]) & ~sees
+        if self.margin_mm == 0:
+            wrong |= ~(claims[0] & claims[1]) & sees
         away = region.solid.distance_to_surface_mm(points_mm[wrong]) > self.tolerance_mm
-        return Audit(
+        return replace(
+            self,
             viewpoints=self.viewpoints + len(points_mm),
             disagreements=self.disagreements + int(away.sum()),
             near_boundary=self.near_boundary + int((~away).sum()),
-            tolerance_mm=self.tolerance_mm,
             visible=self.visible + int(sees.sum()),
-            imbalance=self.imbalance,
-            repairs=self.repairs,
         )
 
     def combined(self, other: Audit, imbalance: float) -> Audit:
@@ -113,7 +117,7 @@ class Audit:
         Returns
         -------
         Audit
-            Counts are added, the worse of tolerances and imbalances is kept.
+            Counts are added, the larger of tolerances, imbalances and margins is kept.
         """
         return Audit(
             viewpoints=self.viewpoints + other.viewpoints,
@@ -123,6 +127,7 @@ class Audit:
             visible=self.visible + other.visible,
             imbalance=max(self.imbalance, other.imbalance, imbalance),
             repairs=self.repairs + other.repairs,
+            margin_mm=max(self.margin_mm, other.margin_mm),
         )
 
 

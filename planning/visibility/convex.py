@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
@@ -318,6 +319,32 @@ def _area_vectors(polygons: FloatArray) -> FloatArray:
     local = polygons - polygons[:, :1]
     vectors: FloatArray = np.cross(local, np.roll(local, -1, axis=1)).sum(axis=1) / 2
     return vectors
+
+
+def inflated(pieces: ConvexPieces, margin: float, is_segment: bool) -> ConvexPieces:
+    """Make pieces larger on all sides.
+
+    Parameters
+    ----------
+    pieces
+        Convex pieces; those of a polygon target end at its plane, and so do the larger ones.
+    margin
+        By how much, in units of the frame: each becomes the hull of cubes of twice that size about
+        its corners, which holds all within the margin, and nothing farther than √3 times that.
+    is_segment
+        Whether the target is a segment, which has no plane.
+
+    Returns
+    -------
+    ConvexPieces
+        The larger pieces, nearest first.
+    """
+    cube = margin * np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    solids: list[tuple[FloatArray, IntArray]] = []
+    for index in range(len(pieces)):
+        points = (pieces.corners_of(index)[:, None] + cube).reshape(-1, 3)
+        solids += _solid_piece(*from_manifold(Manifold.hull_points(points)), is_segment)
+    return ConvexPieces.gathered([], solids)
 
 
 def connected_faces(body: Solid) -> list[IntArray]:

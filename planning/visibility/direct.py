@@ -8,10 +8,11 @@ import numpy as np
 from manifold3d import Manifold
 
 from lenscal.arrays import FloatArray, IntArray
+from lenscal.progress import Progress
 from planning.boolean import subtract
 from planning.scene import Scene
 from planning.target import Target
-from planning.visibility.convex import ConvexPieces, occluding_pieces
+from planning.visibility.convex import ConvexPieces, inflated, occluding_pieces
 from planning.visibility.factor import Factor
 from planning.visibility.frame import TargetFrame
 from planning.visibility.perspective import Perspective
@@ -25,7 +26,12 @@ _WORTH_ASKING: Final = 32
 
 
 def direct_factors(
-    scene: Scene, target: Target, frame: TargetFrame, guarded: bool = True
+    scene: Scene,
+    target: Target,
+    frame: TargetFrame,
+    guarded: bool = True,
+    margin: float = 0.0,
+    progress: Progress | None = None,
 ) -> list[Factor]:
     """Subtract the shadows of the scene for each convex piece of a target.
 
@@ -39,6 +45,10 @@ def direct_factors(
         Its frame.
     guarded
         Whether boolean operations that lose volume are repeated.
+    margin
+        By how much all that can hide the target is made larger first, in units of the frame.
+    progress
+        Told how many convex pieces are done with.
 
     Returns
     -------
@@ -51,15 +61,22 @@ def direct_factors(
         When the boolean operations fail.
     """
     pieces = occluding_pieces(scene, target, frame)
+    if margin > 0:
+        pieces = inflated(pieces, margin, target.is_segment)
     extent = frame.extent(target)
     return [
-        _factor(pieces, corners, extent, frame.tolerance, guarded)
+        _factor(pieces, corners, extent, frame.tolerance, guarded, progress)
         for corners in frame.target_pieces(target)
     ]
 
 
 def _factor(
-    pieces: ConvexPieces, corners: FloatArray, extent: Manifold, tolerance: float, guarded: bool
+    pieces: ConvexPieces,
+    corners: FloatArray,
+    extent: Manifold,
+    tolerance: float,
+    guarded: bool,
+    progress: Progress | None,
 ) -> Factor:
     """Cut until no piece sticks into what is left.
 
@@ -78,6 +95,8 @@ def _factor(
         if len(remaining) > _WORTH_ASKING:
             reach = Reach.of(perspective.triangles(solid) - middle)
             remaining = _sticking_in(reach, pieces, remaining, middle)
+        if progress is not None:
+            progress(len(pieces) - len(remaining), len(pieces), "")
     return Factor(corners, perspective.original(solid), worst / extent.volume(), repairs)
 
 

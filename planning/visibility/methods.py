@@ -8,7 +8,6 @@ independent test audits what comes out.
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -17,6 +16,7 @@ from manifold3d import Manifold
 
 from lenscal.document import digest
 from lenscal.errors import GeometryError, InputError
+from lenscal.progress import Progress
 from planning.boolean import from_manifold, intersect, to_manifold
 from planning.scene import Scene
 from planning.solid import Solid
@@ -35,13 +35,8 @@ _JUST_IN_FRONT: Final = 1e-6
 #: How many viewpoints are tried to find out what hides a target from everywhere.
 _DIAGNOSED: Final = 500
 
-#: Computes a factor for each convex piece of a target within the frame's extent.
-Method = Callable[[Scene, Target, TargetFrame], list[Factor]]
-
-METHODS: Final[dict[str, Method]] = {
-    "direct": direct_factors,
-    "decomposition": decomposition_factors,
-}
+#: How it may be computed.
+METHODS: Final = ("direct", "decomposition")
 
 
 def visibility_region(
@@ -52,6 +47,8 @@ def visibility_region(
     audit_points: int = 10_000,
     seed: int = 0,
     exact_test: ExactTest | None = None,
+    margin_mm: float = 0.0,
+    progress: Progress | None = None,
 ) -> Region:
     """Compute exactly from where in a workspace the whole of a target is seen.
 
@@ -72,6 +69,12 @@ def visibility_region(
         Seed of those viewpoints.
     exact_test
         The scene prepared for that test, where the caller has it for many targets.
+    margin_mm
+        By how much, in mm, all that can hide the target is made larger first, for parts that are
+        not quite as drawn. What the region then holds is on the safe side: the audit makes sure
+        that nothing in it is hidden by the scene as it is. Only for the direct method.
+    progress
+        Told how many of the scene's convex pieces are done with.
 
     Returns
     -------
@@ -81,7 +84,7 @@ def visibility_region(
     Raises
     ------
     InputError
-        When the method is not known.
+        When the method is not known, or has no margin, or the margin is negative.
     GeometryError
         When material covers the target, the workspace is no closed solid, or the boolean operations
         fail.
@@ -91,6 +94,13 @@ def visibility_region(
             f"unknown method {method!r} of computing visibility; available are "
             f"{', '.join(map(repr, METHODS))}"
         )
+    if not (np.isfinite(margin_mm) and margin_mm >= 0):
+        raise InputError(f"margin_mm must be zero or positive, but is {margin_mm:g} mm")
+    if margin_mm > 0 and method != "direct":
+        raise InputError(
+            f"a margin of {margin_mm:g} mm is only known to the method 'direct', but the method is "
+            f"{method!r}; leave one of both out"
+        )
     workspace = Solid.closed("the workspace", workspace.vertices_mm, workspace.faces)
     _refuse_covered(scene, target)
     frame = TargetFrame.around(target, workspace)
@@ -99,7 +109,12 @@ def visibility_region(
     in_front = target.is_segment or not local.trim_by_plane([0.0, 0.0, 1.0], 0.0).is_empty()
     if target.is_segment:
         local = _without_material(local, scene, frame)
-    factors = METHODS[method](scene, target, frame) if in_front else []
+    factors: list[Factor] = []
+    if in_front and method == "direct":
+        margin = margin_mm / frame.scale_mm
+        factors = direct_factors(scene, target, frame, margin=margin, progress=progress)
+    elif in_front:
+        factors = decomposition_factors(scene, target, frame)
     imbalances = [factor.imbalance for factor in factors]
     for factor in factors:
         local, imbalance = intersect(local, factor.solid)
@@ -109,8 +124,8 @@ def visibility_region(
     region = Region(
         solid,
         workspace,
-        _unaudited(workspace, imbalances, factors),
-        _why_empty(scene, target, workspace, solid, in_front),
+        _unaudited(workspace, imbalances, factors, margin_mm),
+        _why_empty(scene, target, workspace, solid, in_front, margin_mm),
         tuple(PlacedFactor(factor, frame) for factor in factors),
         excluded=tuple(scene.bodies) if target.is_segment else (),
         evidence=_evidence(scene, target, method, seed),
@@ -122,10 +137,12 @@ def visibility_region(
     return replace(region, audit=region.audit.with_viewpoints(region, points, sees))
 
 
-def _unaudited(workspace: Solid, imbalances: list[float], factors: list[Factor]) -> Audit:
+def _unaudited(
+    workspace: Solid, imbalances: list[float], factors: list[Factor], margin_mm: float
+) -> Audit:
     tolerance = TOLERANCE * float(np.linalg.norm(np.ptp(workspace.bounds_mm, axis=0)))
     repairs = sum(factor.repairs for factor in factors)
-    return Audit(0, 0, 0, tolerance, 0, max(imbalances, default=0.0), repairs)
+    return Audit(0, 0, 0, tolerance, 0, max(imbalances, default=0.0), repairs, margin_mm)
 
 
 def _refuse_covered(scene: Scene, target: Target) -> None:
@@ -156,12 +173,25 @@ def _without_material(local: Manifold, scene: Scene, frame: TargetFrame) -> Mani
     return local
 
 
-def _why_empty(scene: Scene, target: Target, workspace: Solid, solid: Solid, in_front: bool) -> str:
+def _why_empty(
+    scene: Scene,
+    target: Target,
+    workspace: Solid,
+    solid: Solid,
+    in_front: bool,
+    margin_mm: float,
+) -> str:
     if not solid.is_empty:
         return ""
     if not in_front:
         return "the whole workspace lies behind the plane of the target"
     tried = random_viewpoints(workspace, solid, _DIAGNOSED, np.random.default_rng(0))
+    if margin_mm > 0 and ExactTest(scene).sees(tried, target).any():
+        return (
+            f"occluders that are larger by the margin of {margin_mm:g} mm hide the target from "
+            "everywhere, those that touch it among them; ask for a smaller margin, or a target "
+            "that keeps away from its borders"
+        )
     return why_hidden(scene, target, tried)
 
 

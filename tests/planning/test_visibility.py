@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import manifold3d
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from planning.enclosure import example_part
 from planning.scene import Scene
 from planning.solid import Solid, box_workspace
 from planning.target import Target
-from planning.visibility.audit import sees_whole_target
+from planning.visibility.audit import random_viewpoints, sees_whole_target
 from planning.visibility.methods import visibility_region
 
 
@@ -366,3 +368,61 @@ def test_slivers_are_dropped() -> None:
     cut = manifold3d.Manifold.cube([1, 1, 1]).translate([0, 0, 1e-10])
     rest, _, _ = boolean.subtract(cube, [lambda _: cut])
     assert rest.is_empty()
+
+
+def test_a_margin_gives_a_region_on_the_safe_side(bench) -> None:
+    """Where a plate over a square is larger by half a millimetre, its shadow is in closed form."""
+    lid = bench.box((20, -60, 10), (60, 60, 11))
+    scene = bench.scene(bench.block, lid)
+    exact = visibility_region(scene, bench.target, bench.workspace)
+    safe = visibility_region(scene, bench.target, bench.workspace, margin_mm=0.5)
+    larger = bench.scene(bench.block, bench.box((19.5, -60.5, 9.5), (60.5, 60.5, 11.5)))
+    expected = visibility_region(larger, bench.target, bench.workspace).volume_mm3
+    # The hull of cubes about the corners is that box: the target stands along its sides.
+    assert safe.volume_mm3 == pytest.approx(expected, rel=1e-9)
+    assert safe.volume_mm3 < exact.volume_mm3
+    assert safe.audit.margin_mm == 0.5
+    assert safe.audit.disagreements == 0
+    points = random_viewpoints(bench.workspace, exact.solid, 2000, np.random.default_rng(1))
+    assert not (safe.contains(points) & ~exact.contains(points)).any()
+
+
+def test_a_region_that_is_too_large_fails_the_audit_of_a_margin(bench) -> None:
+    """What the margin takes away is no disagreement; what is hidden and called visible is."""
+    free = visibility_region(bench.scene(bench.block), bench.target, bench.workspace)
+    points = random_viewpoints(bench.workspace, free.solid, 2000, np.random.default_rng(1))
+    lid = bench.scene(bench.block, bench.box((0, -60, 10), (60, 60, 11)))
+    claimed = dataclasses.replace(free.audit, viewpoints=0, margin_mm=0.5)
+    sees = sees_whole_target(points, bench.target, lid)
+    assert claimed.with_viewpoints(free, points, sees).disagreements == (~sees).sum() > 0
+    blind = visibility_region(lid, bench.target, bench.workspace)
+    assert claimed.with_viewpoints(blind, points, np.ones(len(points), bool)).disagreements == 0
+
+
+def test_a_margin_that_closes_everything_says_so(bench) -> None:
+    wall = bench.box((-5, 5, -5), (5, 6, 10))
+    scene = bench.scene(bench.block, wall)
+    region = visibility_region(scene, bench.target, bench.workspace, margin_mm=0.5)
+    assert region.is_empty
+    assert "larger by the margin of 0.5 mm hide the target" in region.why_empty
+    with pytest.raises(InputError, match=r"margin_mm must be zero or positive, but is -1 mm"):
+        visibility_region(scene, bench.target, bench.workspace, margin_mm=-1)
+    with pytest.raises(InputError, match="only known to the method 'direct'"):
+        visibility_region(
+            scene, bench.target, bench.workspace, method="decomposition", margin_mm=0.5
+        )
+
+
+def test_progress_is_told_to_the_end(bench) -> None:
+    told: list[tuple[int, int, str]] = []
+    scene = bench.scene(bench.block, *tetrahedra(60, 2.0, 3))
+    visibility_region(
+        scene,
+        bench.target,
+        bench.workspace,
+        audit_points=0,
+        progress=lambda *what: told.append(what),
+    )
+    done, totals, _ = zip(*told, strict=True)
+    assert list(done) == sorted(done)
+    assert done[-1] == totals[-1] > 0
