@@ -23,7 +23,9 @@ from planning.choices import COLUMNS, choose_settings
 from planning.fixed_lens import FixedLens
 from planning.judgement import judge
 from planning.lens_states import LensStates
+from planning.requirements.depth_of_field import DepthOfField
 from planning.requirements.magnification import bounding, image_axis
+from planning.requirements.unvignetted import Unvignetted
 from planning.scene import Scene
 from planning.settings import AdmissibleSettings, admissible_settings
 from planning.task import Task
@@ -58,7 +60,8 @@ class Plan:
     ring
         The directions of the orthogonal case.
     viewpoints
-        One row per viewpoint, the most robust first. zoom, focus, iris; magnification,
+        One row per viewpoint, the most robust first. zoom, focus, iris (NaN where nothing that is
+        asked depends on it); magnification,
         object_distance_mm, image_distance_mm, nodal_offset_mm, standoff_mm; x_mm, y_mm, z_mm of
         the projection centre and rotation_x, rotation_y, rotation_z (rotation vector in radians) of
         part_from_camera;
@@ -250,7 +253,9 @@ def _margins(task: Task, views: Views, magnification: float) -> dict[str, float]
     """
     judgement = judge(task.requirements, views)
     best = int(np.argmax(judgement.smallest_share[0]))
-    iris = views.states.iris
+    # Where nothing that is asked depends on the pupil, the iris is left to who takes the pictures.
+    depends = any(isinstance(r, DepthOfField | Unvignetted) for r in task.requirements)
+    iris = views.states.iris if depends else None
     margins: dict[str, float] = {"iris": np.nan if iris is None else float(iris[best])}
     in_view = [float(margin.share[0, best]) for margin in judgement.margins]
     by_ratio = [

@@ -141,6 +141,9 @@ class Shadows:
         best = int(np.argmax(nearness))
         if nearness[best] * _FARTHEST < 1:
             return None
+        if of_piece[:, best].min() >= ends[best]:
+            # All of the extent lies between the target and the piece.
+            return Manifold()
         ahead = of_piece[:, None, best] - of_target[:, best]
         stretch = np.maximum((ends[best] - of_piece[:, None, best]) / ahead, 0.0)
         away = corners[:, None] - self.target

@@ -20,7 +20,7 @@ from planning.enclosure import example_part
 from planning.image_check import check_view
 from planning.placement import place
 from planning.requirements.field_of_view import FieldOfView
-from planning.requirements.margin import required_magnification
+from planning.requirements.magnification import required_magnification
 from planning.requirements.resolution import Resolution
 from planning.settings import admissible_settings, object_distance_bounds_mm
 from planning.task_file import load_cell

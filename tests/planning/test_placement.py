@@ -21,6 +21,7 @@ from lenscal.reach import Reach
 from lenscal.rig.simulated import SimulatedRig
 from lenscal.setting import ApproachSide, LensSetting
 from planning.enclosure import example_part
+from planning.fixed_lens import FixedLens
 from planning.nodal import LATERAL, nodal_point
 from planning.placement import place, place_plan
 from planning.placement_export import as_sequence, placement_table, save_placements
@@ -28,7 +29,6 @@ from planning.planner import plan
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.resolution import Resolution
 from planning.robot_cell import RobotCell
-from planning.settings import FixedLens
 from planning.task import Task
 from planning.task_file import load_cell
 
