@@ -34,6 +34,10 @@ _LONGEST_STEP: Final = 0.02
 _SOLVED: Final = 1e-13
 #: Solutions closer than this share of the ranges are one.
 _SAME: Final = 3e-7
+#: How far rounding can spread a solution beside a fold, as a share of either range.
+_BLURRED: Final = 3e-6
+#: What rounding does to a value, as a share of it.
+_ROUNDING: Final = 2e-15
 #: Share of the ranges within which the twin of a solution is searched across a fold.
 _TWIN_REACH: Final = 0.1
 _CURVATURE_STEP: Final = 1e-3
@@ -273,12 +277,19 @@ class _Search:
         return np.asarray(points[near] + reach[near, None] * along[near])
 
     def _distinct(self, points: FloatArray) -> FloatArray:
-        """(M, 2) points of which none is within `_SAME` of another, the best of each kept."""
+        """(M, 2) points of which none is the same as another, the best of each kept.
+
+        Beside a fold rounding spreads a solution farther than `_SAME`. Between two such points the
+        misfit is no more than rounding; between a solution and its twin it is more.
+        """
         rest = points[np.argsort(np.abs(self.misfit(points)).max(axis=1), kind="stable")]
+        rounding = _ROUNDING * np.abs(self.targets / np.ptp(self.ranges, axis=1)).max()
         kept: list[FloatArray] = []
         while len(rest):
             kept.append(rest[0])
-            rest = rest[np.abs(rest - rest[0]).max(axis=1) > _SAME]
+            apart = np.abs(rest - rest[0]).max(axis=1)
+            between = np.abs(self.misfit((rest + rest[0]) / 2)).max(axis=1)
+            rest = rest[(apart > _SAME) & ((apart > _BLURRED) | (between > rounding))]
         return np.array(kept).reshape(-1, 2)
 
 
