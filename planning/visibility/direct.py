@@ -12,9 +12,10 @@ from lenscal.progress import Progress
 from planning.boolean import subtract
 from planning.scene import Scene
 from planning.target import Target
-from planning.visibility.convex import ConvexPieces, inflated, occluding_pieces
+from planning.visibility.convex import ConvexPieces
 from planning.visibility.factor import Factor
 from planning.visibility.frame import TargetFrame
+from planning.visibility.occluding import inflated, occluding_pieces
 from planning.visibility.perspective import Perspective
 from planning.visibility.reach import Reach
 from planning.visibility.shadows import Shadows

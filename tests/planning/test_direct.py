@@ -13,9 +13,10 @@ from planning.scene import Scene
 from planning.solid import box_workspace
 from planning.target import Target
 from planning.visibility import direct, shadows
-from planning.visibility.convex import ConvexPiece, ConvexPieces, occluding_pieces
+from planning.visibility.convex import ConvexPiece, ConvexPieces
 from planning.visibility.frame import TargetFrame
 from planning.visibility.methods import visibility_region
+from planning.visibility.occluding import occluding_pieces
 from planning.visibility.perspective import Perspective
 from planning.visibility.reach import Reach
 
