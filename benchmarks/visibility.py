@@ -3,9 +3,11 @@
 The unit is a sampler: 100³ viewpoints × 16 points of the target, segments between them through
 embreex. Scene and sampler are measured in CPU seconds in one run; the time of a sampler that stops
 at the first hit stands beside it, and which share of the viewpoints that 16 samples call visible
-does not see the whole target. Scenes: random triangles in a slab 5 to 30 above a 10 × 10 target in
-a box of 100³, and 80 closed convex solids of 1,280 faces. Peak memory is that of the process so
-far, so it is measured in a process of its own for each scene.
+does not see the whole target. The audit by 10,000 viewpoints, its preparation included, is given as
+a share of the region's time, a million membership queries as a share of the sampler's. Scenes:
+random triangles in a slab 5 to 30 above a 10 × 10 target in a box of 100³, and closed convex solids
+of 1,280 faces. Peak memory is that of the process so far, so it is measured in a process of its own
+for each scene.
 
     OMP_NUM_THREADS=1 python benchmarks/visibility.py [--scene NAME ...]
 """
@@ -30,6 +32,8 @@ from lenscal.arrays import FloatArray
 from planning.scene import Scene
 from planning.solid import box_workspace
 from planning.target import Target
+from planning.visibility.audit import random_viewpoints
+from planning.visibility.exact_test import ExactTest
 from planning.visibility.methods import visibility_region
 
 SQUARE = np.array([[-5.0, -5, 0], [5, -5, 0], [5, 5, 0], [-5, 5, 0]])
@@ -116,8 +120,16 @@ def measure(name: str) -> None:
         called = viewpoints[sees].astype(np.float64)
         some = called[np.random.default_rng(0).permutation(len(called))[:2000]]
         wrong = 1 - region.contains(some).mean()
+    million = np.random.default_rng(1).uniform([-50, -50, 0], [50, 50, 100], (1_000_000, 3))
+    region.contains(million[:10])
+    contains_s, _ = timed(lambda: region.contains(million))
+    tried = random_viewpoints(workspace, region.solid, 10_000, np.random.default_rng(0))
+    audit_s, audit = timed(
+        lambda: region.audit.with_viewpoints(region, tried, ExactTest(scene).sees(tried, target))
+    )
     print(
         f"{name:32} {build_s:8.2f} {sampler_s:8.2f} {build_s / sampler_s:7.2f} {stopping_s:9.2f} "
+        f"{audit_s / build_s:7.2f} {audit.disagreements:8d} {contains_s / sampler_s:8.2f} "
         f"{region.volume_mm3 / workspace.volume_mm3:9.6f} {len(region.solid.faces):7d} "
         f"{100 * wrong:7.1f} {region.audit.repairs:7d} {memory - memory_before:6.0f} {memory:6.0f}",
         flush=True,
@@ -135,9 +147,11 @@ def main() -> None:
         return
     print(f"one thread: OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS', 'unset')}")
     print(
-        f"{'':32} {'region s':>8} {'sampler':>8} {'ratio':>7} {'stops at':>9} {'visible':>9} "
+        f"{'':32} {'region s':>8} {'sampler':>8} {'ratio':>7} {'stops at':>9} "
+        f"{'audit /':>7} {'audit':>8} {'contains':>8} {'visible':>9} "
         f"{'region':>7} {'sampler':>7} {'repairs':>7} {'memory':>6} {'peak':>6}\n"
-        f"{'':32} {'CPU':>8} {'s CPU':>8} {'':>7} {'hit, s':>9} {'share':>9} {'faces':>7} "
+        f"{'':32} {'CPU':>8} {'s CPU':>8} {'':>7} {'hit, s':>9} "
+        f"{'region':>7} {'disagree':>8} {'/ sampl.':>8} {'share':>9} {'faces':>7} "
         f"{'wrong %':>7} {'':>7} {'MB':>6} {'MB':>6}",
         flush=True,
     )

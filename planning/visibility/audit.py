@@ -95,7 +95,9 @@ class Audit:
         wrong = (claims[0] | claims[1]) & ~sees
         if self.margin_mm == 0:
             wrong |= ~(claims[0] & claims[1]) & sees
-        away = region.solid.distance_to_surface_mm(points_mm[wrong]) > self.tolerance_mm
+        away = np.zeros(0, dtype=bool)
+        if wrong.any():
+            away = region.solid.distance_to_surface_mm(points_mm[wrong]) > self.tolerance_mm
         return replace(
             self,
             viewpoints=self.viewpoints + len(points_mm),
