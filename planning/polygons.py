@@ -12,6 +12,24 @@ from lenscal.arrays import FloatArray, IntArray
 _TOLERANCE: Final = 1e-11
 
 
+def area_vectors(corners: FloatArray) -> FloatArray:
+    """Give the normal of polygons times their area, by Newell's sum.
+
+    Parameters
+    ----------
+    corners
+        (..., N, 3) corners in order; a corner that is repeated changes nothing.
+
+    Returns
+    -------
+    FloatArray
+        (..., 3) vectors; they point to where the corners are seen to go counter-clockwise.
+    """
+    local = corners - corners[..., :1, :]
+    vectors: FloatArray = np.cross(local, np.roll(local, -1, axis=-2)).sum(axis=-2) / 2
+    return vectors
+
+
 def merge_convex(vertices: FloatArray, triangles: IntArray) -> list[IntArray]:
     """Merge neighbouring coplanar triangles into convex polygons.
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from lenscal.arrays import FloatArray, IntArray, frozen_array
 from lenscal.errors import GeometryError, InputError
 from planning.picking import face_called, face_near
-from planning.polygons import merge_convex
+from planning.polygons import area_vectors, merge_convex
 from planning.scene import Scene
 
 #: How far the vertices may leave their plane, as a share of the size of the polygon. Meshes in
@@ -57,8 +57,8 @@ class Target:
         if len(outline) == 2 and len(holes):
             raise GeometryError("a segment has no holes; give the outline three vertices or more")
         inner = [frozen_array("a hole", hole, ("M", 3)) for hole in holes]
-        up = _area_vector(outline)
-        inner = [h if _area_vector(h) @ up < 0 else h[::-1] for h in inner]
+        up = area_vectors(outline)
+        inner = [h if area_vectors(h) @ up < 0 else h[::-1] for h in inner]
         starts = np.cumsum([0, len(outline), *map(len, inner)])
         loops = tuple(np.arange(a, b) for a, b in pairwise(starts))
         vertices = frozen_array("vertices_mm", np.concatenate([outline, *inner]), ("N", 3))
@@ -181,7 +181,7 @@ class Target:
             raise GeometryError(
                 "a segment has no normal; give three vertices or more where one is needed"
             )
-        vector = _area_vector(self.outline_mm)
+        vector = area_vectors(self.outline_mm)
         unit: FloatArray = vector / np.linalg.norm(vector)
         return unit
 
@@ -205,7 +205,7 @@ class Target:
         """Area in mm², that of the holes not counted; zero for a segment."""
         if self.is_segment:
             return 0.0
-        vectors = [_area_vector(self.vertices_mm[loop]) for loop in self.loops]
+        vectors = [area_vectors(self.vertices_mm[loop]) for loop in self.loops]
         return float(np.linalg.norm(np.sum(vectors, axis=0)))
 
     @property
@@ -238,13 +238,6 @@ class Target:
                 f"mm at a size of {size:.3g} mm; give the vertices of one flat face"
             )
         return _convex_pieces(self.vertices_mm, self.loops, self.normal, self.area_mm2)
-
-
-def _area_vector(vertices: FloatArray) -> FloatArray:
-    """Newell's sum: the normal times the area, whatever the shape."""
-    local = vertices - vertices[0]
-    vector: FloatArray = np.cross(local, np.roll(local, -1, axis=0)).sum(axis=0) / 2
-    return vector
 
 
 def _convex_pieces(

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from lenscal.arrays import BoolArray, FloatArray, IntArray
+from planning.polygons import area_vectors
 
 #: How far, as a share of the size of all vertices, a corner may be off the plane of its face.
 _FLAT: Final = 1e-11
@@ -105,24 +106,6 @@ def flat_faces(vertices: FloatArray, faces: IntArray) -> list[FlatFace]:
         ]
         found += _with_holes(loops, normal)
     return found
-
-
-def area_vector(corners: FloatArray) -> FloatArray:
-    """Give the normal of a polygon times its area, by Newell's sum.
-
-    Parameters
-    ----------
-    corners
-        (N, 3) corners in order.
-
-    Returns
-    -------
-    FloatArray
-        (3,) vector; it points to where the corners are seen to go counter-clockwise.
-    """
-    local = corners - corners[0]
-    vector: FloatArray = np.cross(local, np.roll(local, -1, axis=0)).sum(axis=0) / 2
-    return vector
 
 
 def axes_across(normal: FloatArray) -> FloatArray:
@@ -270,12 +253,12 @@ def _without_straight_corners(corners: FloatArray, tolerance: float) -> FloatArr
 
 
 def _with_holes(loops: list[FloatArray], normal: FloatArray) -> list[FlatFace]:
-    outlines = [loop for loop in loops if area_vector(loop) @ normal > 0]
-    holes = [loop[::-1] for loop in loops if area_vector(loop) @ normal < 0]
+    outlines = [loop for loop in loops if area_vectors(loop) @ normal > 0]
+    holes = [loop[::-1] for loop in loops if area_vectors(loop) @ normal < 0]
     axes = axes_across(normal).T
     faces = []
     for outline in outlines:
-        unit = area_vector(outline) / np.linalg.norm(area_vector(outline))
+        unit = area_vectors(outline) / np.linalg.norm(area_vectors(outline))
         own = [
             hole
             for hole in holes

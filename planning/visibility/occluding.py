@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from lenscal.arrays import BoolArray, FloatArray, IntArray
 from planning.boolean import from_manifold
-from planning.polygons import clip_polygons, merge_convex
+from planning.polygons import area_vectors, clip_polygons, merge_convex
 from planning.scene import Scene
 from planning.solid import Solid
 from planning.target import Target
@@ -77,7 +77,7 @@ def _polygons(vertices: FloatArray, faces: IntArray) -> list[FloatArray]:
         of_size = np.array([loops[i] for i in np.flatnonzero(sizes == size)])
         corners = vertices[of_size]
         # A triangle without any area hides nothing that its neighbours do not hide.
-        batches.append(corners[np.linalg.norm(_area_vectors(corners), axis=-1) > 0])
+        batches.append(corners[np.linalg.norm(area_vectors(corners), axis=-1) > 0])
     return batches
 
 
@@ -92,13 +92,13 @@ def _in_front(polygons: FloatArray) -> FloatArray:
     clipped[below, 2] = 0.0
     padding = np.repeat(whole[:, :1], clipped.shape[1] - whole.shape[1], axis=1)
     joined = np.concatenate([np.concatenate([whole, padding], axis=1), clipped])
-    kept: FloatArray = joined[np.linalg.norm(_area_vectors(joined), axis=-1) > 0]
+    kept: FloatArray = joined[np.linalg.norm(area_vectors(joined), axis=-1) > 0]
     return kept
 
 
 def _is_entered(polygons: FloatArray, target_corners: FloatArray, tolerance: float) -> BoolArray:
     """(N,) whether polygons turn their outer side to some corner of the target."""
-    vectors = _area_vectors(polygons)
+    vectors = area_vectors(polygons)
     area = np.linalg.norm(vectors, axis=-1)
     normals = vectors / area[:, None]
     offsets = np.einsum("ni,ni->n", normals, polygons.mean(axis=1))
@@ -107,12 +107,6 @@ def _is_entered(polygons: FloatArray, target_corners: FloatArray, tolerance: flo
     # Faces that are not needed do no harm: doubt counts as entered.
     entered: BoolArray = thin | ((normals @ target_corners.T).max(axis=1) - offsets > tolerance)
     return entered
-
-
-def _area_vectors(polygons: FloatArray) -> FloatArray:
-    local = polygons - polygons[:, :1]
-    vectors: FloatArray = np.cross(local, np.roll(local, -1, axis=1)).sum(axis=1) / 2
-    return vectors
 
 
 def inflated(pieces: ConvexPieces, margin: float, is_segment: bool) -> ConvexPieces:

@@ -13,11 +13,11 @@ import numpy.typing as npt
 
 from lenscal.arrays import BoolArray, FloatArray, IntArray, frozen_array
 from lenscal.errors import GeometryError
+from planning.polygons import area_vectors
 from planning.target import Target
 from planning.visibility.frame import TargetFrame
 from planning.visibility.loops import (
     FlatFace,
-    area_vector,
     axes_across,
     cut_in_front,
     flat_faces,
@@ -63,7 +63,7 @@ class Sheet:
         _refuse_no_area("the polygon", outline)
         for number, hole in enumerate(holes):
             _refuse_no_area(f"hole {number}", hole)
-        normal = area_vector(outline) / np.linalg.norm(area_vector(outline))
+        normal = area_vectors(outline) / np.linalg.norm(area_vectors(outline))
         corners = np.concatenate([outline, *holes])
         height = (corners - outline[0]) @ normal
         height -= height[: len(outline)].mean()
@@ -127,7 +127,7 @@ class Sheet:
 
 def _refuse_no_area(name: str, loop: FloatArray) -> None:
     size = float(np.ptp(loop, axis=0).max(initial=0.0)) if len(loop) else 0.0
-    area = float(np.linalg.norm(area_vector(loop))) if len(loop) else 0.0
+    area = float(np.linalg.norm(area_vectors(loop))) if len(loop) else 0.0
     if len(loop) < 3 or area <= _AREA * size**2:
         raise GeometryError(
             f"{name} has {len(loop)} corners and an area of {area:.3g} mm²; give three corners or "

@@ -20,11 +20,12 @@ from visibility_scenes import (
 from lenscal.errors import GeometryError
 from planning import boolean, box_workspace, occluded_region, viewing_region, visibility_region
 from planning.occlusion_plots import example_figure
+from planning.polygons import area_vectors
 from planning.scene import Scene
 from planning.solid import Solid
 from planning.target import Target
 from planning.visibility.gulfs import face_part, hole_part
-from planning.visibility.loops import area_vector, cut_in_front, flat_faces
+from planning.visibility.loops import cut_in_front, flat_faces
 from planning.visibility.polygon_regions import face_steps, occlusion_steps
 
 SPACE = box_workspace((-50, -50, 0), (50, 50, 100))
@@ -188,7 +189,7 @@ def test_cavity_in_the_hidden_region_is_no_sliver() -> None:
 
 # ── the parts ─────────────────────────────────────────────────────────────────────────────────────
 def flat_area(part) -> float:
-    return float(np.linalg.norm(area_vector(part.outline)))
+    return float(np.linalg.norm(area_vectors(part.outline)))
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -197,14 +198,14 @@ def test_parts_of_a_hole_add_up(seed: int) -> None:
     generator = np.random.default_rng(seed)
     outline = lifted(tangled_polygon(generator, 11, 1.0), 0)
     hole = hole_part(outline, np.array([0.0, 0, 1]))
-    hull = float(np.linalg.norm(area_vector(hole.hull)))
+    hull = float(np.linalg.norm(area_vectors(hole.hull)))
     assert hull - sum(flat_area(rest) for rest in hole.inside) == pytest.approx(flat_area(hole))
 
     def check(part) -> None:
         turn = np.cross(np.roll(part.hull, -1, axis=0) - part.hull, [0, 0, 1.0])
         ahead = np.einsum("ei,eci->ec", turn, part.outline[None] - part.hull[:, None])
         assert ahead.max() <= 1e-9
-        assert area_vector(part.outline)[2] > 0
+        assert area_vectors(part.outline)[2] > 0
         for inner in part.inside:
             assert inner.is_material != part.is_material
             assert not part.is_material or inner.name.startswith("gulf")
@@ -236,8 +237,8 @@ def test_faces_of_a_plate_have_their_loops() -> None:
     assert len(faces) == 2 + 3 * 4
     assert sorted(len(face.holes) for face in faces)[-2:] == [2, 2]
     for face in faces:
-        assert area_vector(face.outline) @ face.normal > 0
-        assert all(area_vector(hole) @ face.normal > 0 for hole in face.holes)
+        assert area_vectors(face.outline) @ face.normal > 0
+        assert all(area_vectors(hole) @ face.normal > 0 for hole in face.holes)
 
 
 def test_holes_that_touch_in_a_corner_are_parted() -> None:
@@ -251,7 +252,7 @@ def test_holes_that_touch_in_a_corner_are_parted() -> None:
     (face,) = flat_faces(grid, np.array(triangles))
     assert sorted(len(hole) for hole in face.holes) == [4, 4]
     assert len(face.outline) == 6
-    assert np.linalg.norm(area_vector(face.outline)) == pytest.approx(15)
+    assert np.linalg.norm(area_vectors(face.outline)) == pytest.approx(15)
 
 
 def test_surface_is_cut_at_the_plane_of_the_target() -> None:
