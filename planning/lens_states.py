@@ -14,6 +14,7 @@ from lenscal.arrays import FloatArray, frozen_array
 from lenscal.camera import Camera
 from lenscal.errors import InputError
 from lenscal.sensor import Sensor
+from planning.nodal import LATERAL
 from planning.sensor_points import SensorPoints
 
 if TYPE_CHECKING:
@@ -123,18 +124,23 @@ class LensStates:
         zooms, focuses = np.broadcast_arrays(
             *(np.atleast_1d(np.asarray(s, dtype=np.float64)) for s in (zoom, focus))
         )
-        cameras = [lens.camera_at(float(z), float(f)) for z, f in zip(zooms, focuses, strict=True)]
+        cameras = lens.cameras_at(zooms, focuses)
         centre = None
         if lens.has_standoff:
             offset = lens.nodal_offset_mm(zooms, focuses)
-            centre = np.stack([np.zeros_like(offset), np.zeros_like(offset), -offset], axis=-1)
+            lateral = (
+                [lens.value(name, zooms, focuses) for name in LATERAL]
+                if set(LATERAL) <= set(lens.quantities)
+                else [np.zeros_like(offset)] * 2
+            )
+            centre = np.stack([*lateral, -offset], axis=-1)
         irises = None if iris is None else np.broadcast_to(np.asarray(iris, float), zooms.shape)
         pupil = None
         if lens.pupil is not None and (iris is not None or len(lens.pupil.irises) == 1):
             pupil = lens.entrance_pupil_diameter_mm(zooms, focuses, irises)
             irises = np.full(zooms.shape, lens.pupil.irises[0]) if iris is None else irises
         return cls(
-            tuple(cameras),
+            cameras,
             lens.object_distance_mm(zooms, focuses),
             centre,
             pupil,

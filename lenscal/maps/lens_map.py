@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 #: Quantities that are not known without the object distance, and without robot poses.
 _OF_DISTANCE: Final = ("magnification", "object_distance_mm", "focal_length_mm")
 _OF_ROBOT: Final = ("standoff_mm", "nodal_offset_mm")
+_NO_SENSOR: Final = (
+    "this map was fitted without a sensor, so it has no camera; give fit_lens_map(..., sensor=...)"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,25 +253,45 @@ class LensMap(PupilQuantities):
             When the map was made without a sensor.
         """
         if self.sensor is None:
-            raise MapError(
-                "this map was fitted without a sensor, so it has no camera; "
-                "give fit_lens_map(..., sensor=...)"
-            )
-        image_distance_mm = float(self.image_distance_mm(zoom, focus, outside=outside))
-        if np.isnan(image_distance_mm):
+            raise MapError(_NO_SENSOR)
+        if np.isnan(self.image_distance_mm(zoom, focus, outside=outside)):
             return None
-        known = {name: float(self.value(name, zoom, focus)) for name in self.camera_surfaces}
+        return self.cameras_at([zoom], [focus])[0]
+
+    def cameras_at(self, zoom: npt.ArrayLike, focus: npt.ArrayLike) -> tuple[Camera, ...]:
+        """Give the cameras at many settings.
+
+        Parameters
+        ----------
+        zoom, focus
+            (S,) settings.
+
+        Returns
+        -------
+        tuple of Camera
+            One per setting, as `camera_at` gives it.
+
+        Raises
+        ------
+        MapError
+            When the map was made without a sensor.
+        OutOfDomainError
+            When a setting lies outside of the map.
+        """
+        if self.sensor is None:
+            raise MapError(_NO_SENSOR)
+        distances = self.image_distance_mm(zoom, focus)
+        known = {name: self.value(name, zoom, focus) for name in self.camera_surfaces}
         centre = self.sensor.centre_px
-        return Camera(
-            self.sensor,
-            image_distance_mm,
+        columns = np.broadcast_arrays(
+            distances,
             known.get("k1_per_mm2", 0.0),
-            np.array(
-                [
-                    known.get("principal_point_x_px", centre[0]),
-                    known.get("principal_point_y_px", centre[1]),
-                ]
-            ),
+            known.get("principal_point_x_px", centre[0]),
+            known.get("principal_point_y_px", centre[1]),
+        )
+        return tuple(
+            Camera(self.sensor, float(d), float(k1), np.array([x, y]))
+            for d, k1, x, y in zip(*columns, strict=True)
         )
 
     def contour(self, quantity: str, level: float) -> list[SettingCurve]:

@@ -70,8 +70,14 @@ class AnalyticLens:
             zoom, focus, outside
         )
 
+    quantities = ("magnification", "object_distance_mm", "image_distance_mm")
+
     def camera_at(self, zoom, focus):
-        return Camera(self.sensor, float(self.image_distance_mm(zoom, focus)), self.k1_per_mm2)
+        return self.cameras_at([zoom], [focus])[0]
+
+    def cameras_at(self, zoom, focus):
+        distances = self.image_distance_mm(zoom, focus)
+        return tuple(Camera(self.sensor, float(d), self.k1_per_mm2) for d in distances)
 
     def _unit(self, zoom, focus, outside):
         zoom, focus = np.broadcast_arrays(np.asarray(zoom, float), np.asarray(focus, float))
