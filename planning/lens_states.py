@@ -239,5 +239,31 @@ class LensStates:
             np.broadcast_to(np.asarray(iris, dtype=np.float64), (len(self),)),
         )
 
+    def some(self, which: slice) -> LensStates:
+        """Take some of the states.
+
+        Parameters
+        ----------
+        which
+            Which of the S.
+
+        Returns
+        -------
+        LensStates
+            Those.
+        """
+        arrays = (
+            self.projection_centre_mm,
+            self.entrance_pupil_diameter_mm,
+            self.zoom,
+            self.focus,
+            self.iris,
+        )
+        return LensStates(
+            self.cameras[which],
+            self.object_distance_mm[which],
+            *(None if array is None else array[which] for array in arrays),
+        )
+
     def __len__(self) -> int:
         return len(self.cameras)

@@ -19,6 +19,8 @@ from lenscal.camera import Camera
 _NEWTON_STEPS: Final = 50
 #: Relative step at which it ends; the error is of the order of its square.
 _SETTLED: Final = 1e-8
+#: Distortion that bends by less than this share over the sensor folds nowhere.
+_FOLDS: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +168,12 @@ class SensorPoints:
     @cached_property
     def _reach_mm(self) -> FloatArray:
         """(S, 1, 1) undistorted radius that is imaged at the fold."""
+        sensor = self.cameras[0].sensor
+        if len(self._radial) == 1 and not self._decentres:
+            # r (1 + κ1 r²) rises up to r² = −1/(3 κ1), where it is two thirds of r.
+            k1 = self._radial[0]
+            folds = -3 * k1 * np.hypot(sensor.width_mm, sensor.height_mm) ** 2 >= _FOLDS
+            return np.where(folds, 2 / 3 / np.sqrt(np.where(folds, -3 * k1, 1.0)), np.inf)
         limits = [c.radius_limit_mm for c in self.cameras]
         reach = [
             limit if np.isinf(limit) else float(np.linalg.norm(c.undistort(np.array([limit, 0.0]))))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -35,12 +35,18 @@ class Task:
         Where the projection centre may be, a closed solid in the part's frame.
     name
         What people call the task.
+    views
+        "orthogonal": the camera looks at the middle of the feature, perpendicular to it, as in the
+        paper; "general": from anywhere in any direction.
+    confidence
+        With which probability all requirements shall hold together, given how well lens map and
+        robot are known; None to ask for positive margins only.
 
     Raises
     ------
     PlanningError
-        When there is no requirement, two of them want the feature along different axes, or the
-        feature leaves the plane of the target.
+        When there is no requirement, two of them want the feature along different axes, the
+        feature leaves the plane of the target, or views or confidence are none that exist.
     """
 
     target: Target
@@ -48,6 +54,8 @@ class Task:
     requirements: Sequence[Requirement]
     workspace: Solid
     name: str = ""
+    views: Literal["orthogonal", "general"] = "orthogonal"
+    confidence: float | None = None
 
     def __post_init__(self) -> None:
         requirements = tuple(self.requirements)
@@ -57,6 +65,13 @@ class Task:
                 "FieldOfView(25.4)"
             )
         image_axis(requirements)
+        if self.views not in ("orthogonal", "general"):
+            raise PlanningError(f"views must be 'orthogonal' or 'general', but is {self.views!r}")
+        if self.confidence is not None and not 0 < self.confidence < 1:
+            raise PlanningError(
+                f"confidence must be a probability between 0 and 1, but is {self.confidence:g}; "
+                "99 % is 0.99"
+            )
         feature = self.target if self.feature is None else self.feature
         if not self.target.is_segment:
             off = np.abs((feature.vertices_mm - self.target.centroid_mm) @ self.target.normal).max()
@@ -83,6 +98,8 @@ class Task:
         """
         return {
             "name": self.name,
+            "views": self.views,
+            "confidence": self.confidence,
             "target_mm": self.target.vertices_mm.tolist(),
             "feature_mm": self.seen_feature.vertices_mm.tolist(),
             "requirements": [

@@ -93,6 +93,29 @@ class Ring:
         centres: FloatArray = self.midpoint_mm + np.asarray(distance_mm)[..., None] * directions
         return centres
 
+    def rotations(self, positions_mm: FloatArray, axis: Axis) -> FloatArray:
+        """Point cameras at M.
+
+        Parameters
+        ----------
+        positions_mm
+            (..., 3) projection centres in mm.
+        axis
+            The image axis that the feature shall lie along; "any" takes x.
+
+        Returns
+        -------
+        FloatArray
+            (..., 3, 3) rotations of part_from_camera.
+        """
+        z = self.midpoint_mm - positions_mm
+        z = z / np.linalg.norm(z, axis=-1, keepdims=True)
+        along = self.along - (z @ self.along)[..., None] * z
+        along = along / np.linalg.norm(along, axis=-1, keepdims=True)
+        x = np.cross(along, z) if axis == "y" else along
+        rotations: FloatArray = np.stack([x, np.cross(z, x), z], axis=-1)
+        return rotations
+
     def pose(self, position_mm: FloatArray, axis: Axis) -> Pose:
         """Point the camera at M.
 
@@ -108,12 +131,7 @@ class Ring:
         Pose
             part_from_camera.
         """
-        z = self.midpoint_mm - position_mm
-        z = z / np.linalg.norm(z)
-        along = self.along - (self.along @ z) * z
-        along = along / np.linalg.norm(along)
-        x = np.cross(along, z) if axis == "y" else along
-        return Pose(np.stack([x, np.cross(z, x), z], axis=-1), position_mm)
+        return Pose(self.rotations(position_mm, axis), position_mm)
 
 
 @dataclass(frozen=True, slots=True)

@@ -220,6 +220,27 @@ class Views:
         """
         return Views(self.positions_mm[which], self.rotations[which], self.states, self.subject)
 
+    def some_states(self, which: slice) -> Views:
+        """Take some of the states, with their places where each has its own.
+
+        Parameters
+        ----------
+        which
+            Which of the S.
+
+        Returns
+        -------
+        Views
+            Those.
+        """
+        own = which if self.positions_mm.shape[1] > 1 else slice(None)
+        return Views(
+            self.positions_mm[:, own],
+            self.rotations[:, own],
+            self.states.some(which),
+            self.subject,
+        )
+
     def in_camera(self, points_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Give points in the frame of each camera.
 

@@ -20,6 +20,8 @@ from planning.views import Subject, Views
 
 #: Parts of an edge whose ends are projected where the lens distorts, so that it may bulge.
 _PARTS: Final = 4
+#: How much longer, as a share, a length may be by rounding.
+_ROUNDING: Final = 1e-9
 #: Places along each side of the sensor at which the distortion is undone for the half-spaces.
 _BORDER: Final = 129
 
@@ -28,7 +30,8 @@ _BORDER: Final = 129
 class FieldOfView:
     """A feature of a given length fits on the sensor when it is centred.
 
-    In a general view it is the feature itself that must land on the sensor's rectangle.
+    In a general view it is the feature itself that must land on the sensor's rectangle; where the
+    length is more than the size of the feature, the feature enlarged to it about its centroid.
 
     Parameters
     ----------
@@ -106,7 +109,9 @@ class FieldOfView:
             second differences, is taken off.
         """
         points, sensor = views.states.sensor_points, views.states.sensor
-        x, y, z = views.feature_in_camera_mm
+        enlarged = self._field_mm(views.subject)
+        x, y, z = views.feature_in_camera_mm if enlarged is None else views.in_camera(enlarged)
+        in_front = views.in_front if enlarged is None else (z > 0).all(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             x, y = x / z, y / z
         if points.distorts:
@@ -123,8 +128,8 @@ class FieldOfView:
             pixels.append((half - outermost) / pitch)
             shares.append(1.0 - outermost / half)
         value, share = np.minimum(*pixels), np.minimum(*shares)
-        value[np.broadcast_to(~views.in_front, value.shape)] = -np.inf
-        share[np.broadcast_to(~views.in_front, share.shape)] = -np.inf
+        value[np.broadcast_to(~in_front, value.shape)] = -np.inf
+        share[np.broadcast_to(~in_front, share.shape)] = -np.inf
         return margin_over(views, value, "px", share, self.describe(sensor))
 
     def half_spaces(self, rotation: FloatArray, states: LensStates, subject: Subject) -> HalfSpaces:
@@ -155,7 +160,8 @@ class FieldOfView:
                 f"half-spaces of positions are those of one lens state, but there are {len(states)}"
             )
         low, high = _ideal_rectangle(states.cameras[0])
-        corners = subject.seen_feature.vertices_mm
+        enlarged = self._field_mm(subject)
+        corners = subject.seen_feature.vertices_mm if enlarged is None else enlarged
         normals, offsets = [], []
         for k in range(2):
             # With p = t − r: low ≤ (x · p) / (v · p) ≤ high for every corner t.
@@ -183,6 +189,17 @@ class FieldOfView:
         along = "" if self.axis == "any" else f" along {self.axis}"
         limit = self.magnification_bounds(sensor)[1]
         return f"field of view of {self.length_mm:g} mm{along} (d/D ≤ {limit:.4f})"
+
+    def _field_mm(self, subject: Subject) -> FloatArray | None:
+        """(N, 3) corners of the enlarged feature in mm; None where it needs no enlarging."""
+        feature = subject.seen_feature
+        times = self.length_mm / feature.size_mm
+        if times <= 1 + _ROUNDING:
+            return None
+        corners: FloatArray = feature.centroid_mm + times * (
+            feature.vertices_mm - feature.centroid_mm
+        )
+        return corners
 
 
 def _edges(corners: FloatArray) -> FloatArray:

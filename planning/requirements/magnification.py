@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from lenscal.errors import PlanningError
 from lenscal.sensor import Axis, Sensor
 from planning.requirements.margin import BoundsMagnification, Requirement
@@ -52,7 +54,9 @@ def required_magnification(
     return low * (1 + safety), high * (1 - safety)
 
 
-def contradiction(requirements: Stated, sensor: Sensor, safety: float = 0.0) -> str:
+def contradiction(
+    requirements: Stated, sensor: Sensor, safety: float = 0.0, *, roll_is_free: bool = False
+) -> str:
     """Say which two requirements no lens can satisfy together.
 
     Parameters
@@ -63,24 +67,45 @@ def contradiction(requirements: Stated, sensor: Sensor, safety: float = 0.0) -> 
         The sensor.
     safety
         By which share of itself each bound is tightened.
+    roll_is_free
+        Whether the camera may be rolled so that a feature with axis "any" lies as it suits best:
+        along the diagonal of the sensor and the finer pitch. Otherwise it may lie as it suits
+        least.
 
     Returns
     -------
     str
         A sentence, empty when there is none.
     """
-    low, high = required_magnification(requirements, sensor, safety)
+    named = bounding(requirements)
+    if not named:
+        return ""
+    bounds = [
+        _favourable(r, sensor) if roll_is_free else r.magnification_bounds(sensor) for r in named
+    ]
+    lows, highs = (np.array(column) for column in zip(*bounds, strict=True))
+    low, high = lows.max() * (1 + safety), highs.min() * (1 - safety)
     if low <= high:
         return ""
-    bounds = bounding(requirements)
-    demanding = max(bounds, key=lambda r: r.magnification_bounds(sensor)[0])
-    limiting = min(bounds, key=lambda r: r.magnification_bounds(sensor)[1])
+    demanding, limiting = named[int(lows.argmax())], named[int(highs.argmin())]
     kept = f", each kept by {safety:.3g} of itself," if safety else ""
     return (
         f"the requirements contradict each other whatever the lens: {demanding.describe(sensor)} "
         f"and {limiting.describe(sensor)}{kept} leave no d/D between them; ask for "
         f"{1 - high / low:.1%} less resolution or see a smaller feature"
     )
+
+
+def _favourable(requirement: BoundsMagnification, sensor: Sensor) -> tuple[float, float]:
+    """Bounds on d/D at the roll that suits best."""
+    low, high = requirement.magnification_bounds(sensor)
+    if requirement.axis != "any":
+        return low, high
+    # Along the finer pitch, and along the diagonal instead of the shorter side.
+    pitches, sides = sensor.sample_pitch_mm, np.array([sensor.width_mm, sensor.height_mm])
+    finer = float(pitches.min() / pitches.max())
+    longer = float(np.hypot(*sides) / sides.min())
+    return low * finer, high * longer
 
 
 def image_axis(requirements: Stated) -> Axis:

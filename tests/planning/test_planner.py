@@ -135,7 +135,7 @@ def test_all_requirements_are_planned_with_together(part, paper_sensor, lens) ->
     assert (table["smallest_margin"] <= table[[f"{n}_margin" for n in names]].min(axis=1)).all()
     blurred = replace(task, requirements=[*PAPER, DepthOfField(60.0, 0.5)])
     why = plan(blurred, lens_map, part.scene, audit_points=200, settings_tried=3).why_empty
-    assert why.startswith("depth_of_field: the target is seen at D from")
+    assert why.startswith("depth_of_field: no view satisfies everything; the depth of field")
     with pytest.raises(PlanningError, match="need the entrance-pupil diameter"):
         plan(blurred, lens, part.scene, audit_points=200, settings_tried=3)
     fixed = FixedLens(127, paper_sensor, 4.0)
@@ -186,14 +186,16 @@ def test_empty_plans_name_what_blocks(paper_task: Task, lens, part, bench, tmp_p
     assert found.why_empty.startswith("visibility: every viewpoint in the workspace has material")
     near = replace(paper_task, workspace=box_workspace((-300, -300, 35), (300, 300, 300)))
     found = plan(near, lens, part.scene, audit_points=200)
-    assert found.why_empty.startswith("workspace: the settings that resolve")
+    assert found.why_empty.startswith("workspace: no view in it satisfies everything")
     between = replace(paper_task, workspace=box_workspace((-300, -150, 100), (300, 100, 900)))
     found = plan(between, lens, part.scene, audit_points=200)
-    assert found.why_empty.startswith("visibility: at D from")
+    assert found.why_empty.startswith("workspace: no view in it satisfies everything")
     distorted = replace(lens, k1_per_mm2=-0.002)
     tight = replace(paper_task, requirements=[FieldOfView(25.4, "x"), Resolution(5, 0.254, "x")])
     found = plan(tight, distorted, part.scene, audit_points=200)
-    assert found.why_empty.startswith("field_of_view: the target is seen at D from")
+    assert found.why_empty.startswith("resolution: no view satisfies everything")
+    assert [r.name for r in found.relaxations[:2]] == ["resolution", "field_of_view"]
+    assert "or the field of view of 25.4 mm along x (d/D ≤ 0.3275) would have" in found.why_empty
     assert read_document(found.save(tmp_path / "p.json"), "plan", 1)["why_empty"]
 
 

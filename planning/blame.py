@@ -1,0 +1,140 @@
+"""Why there is no viewpoint: which requirement would have to give, and by how much.
+
+For each requirement the best that it can come to is sought while all others hold. Where that is
+possible at all, giving way by what it lacks there makes the task feasible; the requirement that
+lacks the smallest share is named first. It is a search: what it finds can be had, and something
+better may exist.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from lenscal.arrays import FloatArray
+from planning.requirements.margin import Requirement
+from planning.view_search import FoundViews, improved
+from planning.view_space import Starts
+
+#: Views from which each requirement is raised.
+_STARTS: Final = 5
+#: By how little a requirement that is held may miss, as a share.
+_SLACK: Final = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Relaxation:
+    """By how much one requirement would have to give, all others being met.
+
+    Parameters
+    ----------
+    index
+        Which of the requirements.
+    name
+        Its name.
+    lacking
+        What it lacks at best, in its unit; positive.
+    unit
+        The unit.
+    lacking_share
+        The same as a share of what is asked.
+    words
+        What is asked, in words.
+    place_mm
+        Projection centre of the view at which it lacks so little.
+    """
+
+    index: int
+    name: str
+    lacking: float
+    unit: str
+    lacking_share: float
+    words: str
+    place_mm: tuple[float, float, float]
+
+    def __str__(self) -> str:
+        lacking, unit = self.lacking, "" if self.unit == "d/D" else f" {self.unit}"
+        if self.unit == "rad":
+            lacking, unit = np.degrees(lacking), "°"
+        return (
+            f"the {self.words} would have to give by {lacking:.3g}{unit} ({self.lacking_share:.1%})"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give it as JSON can hold it.
+
+        Returns
+        -------
+        dict
+            Requirement, what it lacks, its unit and the share, and where.
+        """
+        return {
+            "requirement": self.name,
+            "lacking": self.lacking,
+            "unit": self.unit,
+            "lacking_share": self.lacking_share,
+            "place_mm": list(self.place_mm),
+        }
+
+
+def relaxations(
+    requirements: Sequence[Requirement],
+    found: FoundViews[Starts],
+    kept: FloatArray,
+) -> tuple[Relaxation, ...]:
+    """Find the single requirements whose giving way would make a task feasible.
+
+    Parameters
+    ----------
+    requirements
+        R of them.
+    found
+        Views at which the smallest margin is as large as can be, none of them positive throughout.
+    kept
+        (R,) the share of each limit that is kept besides.
+
+    Returns
+    -------
+    tuple of Relaxation
+        The one that lacks the smallest share first; empty when no single one would do.
+    """
+    order = np.argsort(-(found.shares - kept).min(axis=1), kind="stable")[:_STARTS]
+    starts = found.some(order)
+    single = [
+        relaxation
+        for index in range(len(requirements))
+        if (relaxation := _of_one(requirements, index, starts, kept)) is not None
+    ]
+    return tuple(sorted(single, key=lambda r: r.lacking_share))
+
+
+def _of_one(
+    requirements: Sequence[Requirement],
+    index: int,
+    starts: FoundViews[Starts],
+    kept: FloatArray,
+) -> Relaxation | None:
+    raised = np.arange(len(requirements)) == index
+    best = improved(requirements, starts.views, kept=kept, raised=raised, by_value=True)
+    others = (best.shares - kept)[:, ~raised].min(axis=1, initial=np.inf) >= -_SLACK
+    possible = others & np.isfinite(best.values[:, index])
+    if not possible.any():
+        return None
+    row = int(np.argmax(np.where(possible, best.values[:, index], -np.inf)))
+    value, share = float(best.values[row, index]), float(best.shares[row, index])
+    # What is kept besides is a share of the limit, in the unit as much as that.
+    limit = value / share if share else 0.0
+    view = best.views.some(np.array([row])).as_views()[0]
+    x, y, z = view.positions_mm[0, 0]
+    return Relaxation(
+        index,
+        requirements[index].name,
+        max(kept[index] * limit - value, 0.0),
+        requirements[index].margin(view).unit,
+        max(float(kept[index]) - share, 0.0),
+        requirements[index].describe(view.states.sensor),
+        (float(x), float(y), float(z)),
+    )

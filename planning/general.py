@@ -1,0 +1,75 @@
+"""General views: viewpoints from anywhere in any direction, at the best of all margins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from lenscal.arrays import FloatArray, IntArray
+from planning.candidates import find_starts
+from planning.requirements.margin import Requirement
+from planning.setting_space import SettingSpace
+from planning.view_errors import ViewErrors
+from planning.view_search import FoundViews, improved
+from planning.view_space import GeneralStarts
+from planning.views import Subject
+from planning.visibility.region import Region
+
+#: Starts that are followed to the end.
+_STARTS: Final = 12
+#: Views nearer than this share of D, and turned and set by less than this, are one.
+_SAME: Final = 0.02
+
+
+def general_views(
+    subject: Subject,
+    region: Region,
+    settings: SettingSpace,
+    requirements: Sequence[Requirement],
+    kept: FloatArray,
+    errors: ViewErrors | None,
+    rng: np.random.Generator,
+) -> FoundViews[GeneralStarts]:
+    """Search for the views whose smallest margin is largest.
+
+    Parameters
+    ----------
+    subject
+        What is looked at.
+    region
+        From where it is seen whole; not empty.
+    settings
+        What the lens can be set to.
+    requirements
+        R that shall hold, visibility among them.
+    kept
+        (R,) the share of each limit that is kept besides.
+    errors
+        How well lens and robot are known: then margins count in σ.
+    rng
+        Draws where the search starts.
+
+    Returns
+    -------
+    FoundViews
+        Views that differ from each other, the most robust first, whether they satisfy all or not.
+    """
+    starts = find_starts(subject, region, settings, requirements, _STARTS, rng)
+    found = improved(requirements, starts, kept=kept, errors=errors)
+    return found.some(_distinct(found, (found.shares - kept).min(axis=1)))
+
+
+def _distinct(found: FoundViews[GeneralStarts], promise: FloatArray) -> IntArray:
+    """Indices of the views that differ, the most promising first."""
+    views = found.views.as_views()[0]
+    places = views.positions_mm[0] / views.states.object_distance_mm[:, None]
+    features = np.concatenate(
+        [places, views.rotations[0].reshape(-1, 9), found.views.shares], axis=1
+    )
+    chosen: list[int] = []
+    for k in np.argsort(-promise, kind="stable"):
+        if not (np.abs(features[chosen] - features[k]) < _SAME).all(axis=1).any():
+            chosen.append(int(k))
+    return np.array(chosen, dtype=np.intp)

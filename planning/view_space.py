@@ -1,0 +1,328 @@
+"""Views as points of a space that a search moves through: where the camera stands, how it is set.
+
+Whatever the search tries, the middle of the feature's depth, in dioptres, lies in the sharp plane,
+unless depth of field is asked for: then the sharp plane may lie anywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final, Protocol, Self
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lenscal.arrays import BoolArray, FloatArray, IntArray
+from lenscal.sensor import Axis
+from planning.setting_space import SettingSpace
+from planning.viewpoints import Ring
+from planning.views import Subject, Views
+
+#: By what share of 1/D the sharp plane leaves the middle of the feature in a move of 1.
+_DEFOCUS: Final = 0.5
+
+
+class Starts(Protocol):
+    """Views from which a search moves away."""
+
+    @property
+    def size(self) -> int:
+        """How many numbers make a move."""
+
+    def __len__(self) -> int:
+        """How many views there are."""
+
+    @property
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """(K, size) lowest and highest moves."""
+
+    def some(self, which: IntArray | BoolArray) -> Self:
+        """Take some of them.
+
+        Parameters
+        ----------
+        which
+            Indices or a mask.
+
+        Returns
+        -------
+        Starts
+            Those.
+        """
+
+    def moved(self, moves: FloatArray) -> Self:
+        """Move away from them.
+
+        Parameters
+        ----------
+        moves
+            (K, J, size) from each.
+
+        Returns
+        -------
+        Starts
+            K · J views.
+        """
+
+    def as_views(self) -> tuple[Views, BoolArray]:
+        """Give them as views.
+
+        Returns
+        -------
+        views : Views
+            One pose, at K states each with its own place: shape (1, K).
+        valid : BoolArray
+            (K,) whether the lens can be set so.
+        """
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GeneralStarts:
+    """Views from anywhere in any direction, neither orthogonal nor centred.
+
+    Parameters
+    ----------
+    subject
+        What is looked at.
+    settings
+        What the lens can be set to.
+    shares
+        (K, S) settings.
+    rotations
+        (K, 3, 3) of part_from_camera.
+    aims
+        (K, 2) x/z and y/z at which the camera sees the feature's centroid.
+    defocus
+        (K,) by which share 1/D exceeds the dioptres of the middle of the feature.
+    is_free
+        Whether the sharp plane may leave that middle.
+    """
+
+    subject: Subject
+    settings: SettingSpace
+    shares: FloatArray
+    rotations: FloatArray
+    aims: FloatArray
+    defocus: FloatArray
+    is_free: bool
+
+    @property
+    def size(self) -> int:
+        """Settings, three rotations, two aims and, where it is free, the sharp plane."""
+        return self.settings.size + 5 + self.is_free
+
+    def __len__(self) -> int:
+        return len(self.shares)
+
+    @property
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """(K, size) lowest and highest moves: the ends of the settings."""
+        return _limits(self.shares, self.size)
+
+    def some(self, which: IntArray | BoolArray) -> GeneralStarts:
+        """Take some of the starts.
+
+        Parameters
+        ----------
+        which
+            Indices or a mask.
+
+        Returns
+        -------
+        GeneralStarts
+            Those.
+        """
+        return replace(
+            self,
+            shares=self.shares[which],
+            rotations=self.rotations[which],
+            aims=self.aims[which],
+            defocus=self.defocus[which],
+        )
+
+    def moved(self, moves: FloatArray) -> GeneralStarts:
+        """Start from where moves end.
+
+        Parameters
+        ----------
+        moves
+            (K, J, size) from the start of each.
+
+        Returns
+        -------
+        GeneralStarts
+            K · J starts.
+        """
+        count = self.settings.size
+        shares = np.clip(self.shares[:, None] + moves[..., :count], 0.0, 1.0)
+        turns = Rotation.from_rotvec(moves[..., count : count + 3].reshape(-1, 3)).as_matrix()
+        turned = self.rotations[:, None] @ turns.reshape(*moves.shape[:2], 3, 3)
+        aims = self.aims[:, None] + moves[..., count + 3 : count + 5]
+        defocus = np.broadcast_to(self.defocus[:, None], moves.shape[:2])
+        if self.is_free:
+            defocus = defocus + _DEFOCUS * moves[..., count + 5]
+        return replace(
+            self,
+            shares=shares.reshape(-1, count),
+            rotations=turned.reshape(-1, 3, 3),
+            aims=aims.reshape(-1, 2),
+            defocus=defocus.reshape(-1),
+        )
+
+    def as_views(self) -> tuple[Views, BoolArray]:
+        """Give the views at the starts themselves.
+
+        Returns
+        -------
+        views : Views
+            Of shape (1, K).
+        valid : BoolArray
+            (K,) whether the lens can be set so.
+        """
+        states, valid = self.settings.states(self.shares)
+        places = sharp_positions(
+            self.subject, self.rotations, self.aims, states.object_distance_mm, self.defocus
+        )
+        return Views(places[None], self.rotations[None], states, self.subject), valid
+
+
+def sharp_positions(
+    subject: Subject,
+    rotations: FloatArray,
+    aims: FloatArray,
+    object_distance_mm: FloatArray,
+    defocus: FloatArray,
+) -> FloatArray:
+    """Place cameras so that the middle of the feature's depth is where they are sharp.
+
+    The middle is that in dioptres, (1/z_min + 1/z_max)/2 = (1 − defocus)/D, at which nearest and
+    farthest corner are blurred alike.
+
+    Parameters
+    ----------
+    subject
+        What is looked at.
+    rotations
+        (N, 3, 3) of part_from_camera.
+    aims
+        (N, 2) x/z and y/z of the feature's centroid.
+    object_distance_mm
+        (N,) D in mm.
+    defocus
+        (N,) by which share 1/D exceeds the dioptres of the middle.
+
+    Returns
+    -------
+    FloatArray
+        (N, 3) projection centres in mm in the part's frame.
+    """
+    feature = subject.seen_feature
+    centroid = feature.centroid_mm
+    depths = (feature.vertices_mm - centroid) @ rotations[..., 2].T
+    nearest, spread = depths.min(axis=0), np.ptp(depths, axis=0)
+    wanted = object_distance_mm / np.maximum(1 - defocus, 0.1)
+    # With z that of the nearest corner, 1/z + 1/(z + s) = 2/D is quadratic in z.
+    less = wanted - spread
+    first = (less + np.sqrt(less**2 + 2 * spread * wanted)) / 2
+    depth = first - nearest
+    line = np.concatenate([aims, np.ones((len(aims), 1))], axis=1)
+    away = np.einsum("nij,nj->ni", rotations, line)
+    places: FloatArray = centroid - depth[:, None] * away
+    return places
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrthogonalStarts:
+    """Views of the orthogonal case: on the ring about the feature, centred on it.
+
+    Parameters
+    ----------
+    subject
+        What is looked at.
+    settings
+        What the lens can be set to.
+    ring
+        The directions.
+    axis
+        The image axis that the feature lies along.
+    shares
+        (K, S) settings.
+    angles
+        (K,) on the ring in radians.
+    """
+
+    subject: Subject
+    settings: SettingSpace
+    ring: Ring
+    axis: Axis
+    shares: FloatArray
+    angles: FloatArray
+
+    @property
+    def size(self) -> int:
+        """Settings and, on a whole ring, the angle."""
+        return self.settings.size + self.ring.is_full
+
+    def __len__(self) -> int:
+        return len(self.shares)
+
+    @property
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """(K, size) lowest and highest moves: the ends of the settings."""
+        return _limits(self.shares, self.size)
+
+    def some(self, which: IntArray | BoolArray) -> OrthogonalStarts:
+        """Take some of the views.
+
+        Parameters
+        ----------
+        which
+            Indices or a mask.
+
+        Returns
+        -------
+        OrthogonalStarts
+            Those.
+        """
+        return replace(self, shares=self.shares[which], angles=self.angles[which])
+
+    def moved(self, moves: FloatArray) -> OrthogonalStarts:
+        """Move away from the views.
+
+        Parameters
+        ----------
+        moves
+            (K, J, size) from each.
+
+        Returns
+        -------
+        OrthogonalStarts
+            K · J views.
+        """
+        count = self.settings.size
+        shares = np.clip(self.shares[:, None] + moves[..., :count], 0.0, 1.0)
+        angles = np.broadcast_to(self.angles[:, None], moves.shape[:2])
+        if self.ring.is_full:
+            angles = angles + moves[..., count]
+        return replace(self, shares=shares.reshape(-1, count), angles=angles.reshape(-1))
+
+    def as_views(self) -> tuple[Views, BoolArray]:
+        """Give the views.
+
+        Returns
+        -------
+        views : Views
+            Of shape (1, K).
+        valid : BoolArray
+            (K,) whether the lens can be set so.
+        """
+        states, valid = self.settings.states(self.shares)
+        places = self.ring.positions(states.object_distance_mm, self.angles)
+        turned = self.ring.rotations(places, self.axis)
+        return Views(places[None], turned[None], states, self.subject), valid
+
+
+def _limits(shares: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
+    """(K, size) lowest and highest moves of which the first ones are shares of a range."""
+    free = np.full((len(shares), size - shares.shape[1]), np.inf)
+    return np.concatenate([-shares, -free], axis=1), np.concatenate([1 - shares, free], axis=1)

@@ -1,0 +1,120 @@
+"""The rows of a plan: one per viewpoint, made of views and their margins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from lenscal.arrays import FloatArray
+from planning.choices import COLUMNS
+from planning.requirements.margin import Requirement
+from planning.task import Task
+from planning.views import Views
+
+_PLACE = ("x_mm", "y_mm", "z_mm", "rotation_x", "rotation_y", "rotation_z")
+
+
+def margin_names(task: Task) -> list[str]:
+    """Name the columns of margins.
+
+    Parameters
+    ----------
+    task
+        What is asked.
+
+    Returns
+    -------
+    list of str
+        One per kind of requirement.
+    """
+    return list(dict.fromkeys(f"{r.name}_margin" for r in task.requirements))
+
+
+def as_table(task: Task, rows: Sequence[Mapping[str, float]]) -> pd.DataFrame:
+    """Bring rows into the table of a plan.
+
+    Parameters
+    ----------
+    task
+        What is asked.
+    rows
+        One per viewpoint.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The most robust first.
+    """
+    columns = [
+        *COLUMNS,
+        "iris",
+        *_PLACE,
+        "angle",
+        *margin_names(task),
+        *("visibility_margin_mm", "smallest_margin"),
+    ]
+    table = pd.DataFrame(list(rows), columns=columns, dtype=np.float64)
+    return table.sort_values("smallest_margin", ascending=False, ignore_index=True)
+
+
+def rows_of(
+    task: Task,
+    views: Views,
+    requirements: Sequence[Requirement],
+    shares: FloatArray,
+    angles: FloatArray | None = None,
+) -> pd.DataFrame:
+    """Bring views into the table of a plan.
+
+    Parameters
+    ----------
+    task
+        What is asked.
+    views
+        (1, K) views, each at its own place, of a subject with a region.
+    requirements
+        R that they were judged by.
+    shares
+        (K, R) their margins as shares.
+    angles
+        (K,) on the ring in radians; None for general views.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The most robust first.
+    """
+    states = views.states
+    unknown = np.full(len(states), np.nan)
+    zoom, focus, iris = (
+        unknown if setting is None else setting
+        for setting in (states.zoom, states.focus, states.iris)
+    )
+    centre = states.projection_centre_mm
+    # The projection centre of a fixed lens is its own reference: there is no offset to speak of.
+    offset = unknown if centre is None else np.where(np.isnan(zoom), np.nan, -centre[:, 2])
+    depends = any(r.name in ("depth_of_field", "unvignetted") for r in task.requirements)
+    columns: dict[str, FloatArray] = {
+        "zoom": zoom,
+        "focus": focus,
+        "magnification": states.magnification,
+        "object_distance_mm": states.object_distance_mm,
+        "image_distance_mm": states.image_distance_mm,
+        "nodal_offset_mm": offset,
+        "standoff_mm": states.object_distance_mm - offset,
+        "iris": iris if depends else unknown,
+        "angle": unknown if angles is None else angles,
+    }
+    turns = Rotation.from_matrix(views.rotations[0]).as_rotvec()
+    places = np.concatenate([views.positions_mm[0], turns], axis=1)
+    columns |= dict(zip(_PLACE, places.T, strict=True))
+    for k, requirement in enumerate(requirements):
+        name = f"{requirement.name}_margin"
+        columns[name] = np.minimum(columns.get(name, np.inf), shares[:, k])
+    columns["visibility_margin_mm"] = views.region_distance_mm[0]
+    columns["smallest_margin"] = shares.min(axis=1)
+    values = zip(*columns.values(), strict=True)
+    return as_table(task, [dict(zip(columns, map(float, row), strict=True)) for row in values])
