@@ -16,10 +16,10 @@ from typing import Final
 import numpy as np
 from scipy.optimize import linprog
 
-from lenscal.arrays import BoolArray, FloatArray
+from lenscal.arrays import BoolArray, FloatArray, IntArray
 
-#: (K, J, n) moves of K points, J of each, to (K, J, R) margins.
-Margins = Callable[[FloatArray], FloatArray]
+#: (P,) which points, and (P, J, n) J moves of each, to (P, J, R) margins.
+Margins = Callable[[IntArray, FloatArray], FloatArray]
 
 #: Step of the differences.
 _STEP: Final = 1e-6
@@ -30,8 +30,6 @@ _NEARBY: Final = 4.0
 #: Shares of the step that the linear programme proposes at which the margins are looked at.
 _TRIED: Final = np.array([1.0, 0.5, 0.2])
 _GROW, _SHRINK = 2.0, 0.5
-#: Share of what the planes promise that a step must gain for the trust region to grow.
-_HONEST: Final = 0.5
 #: A margin that says −inf counts as this.
 _NOTHING: Final = -1e3
 
@@ -61,14 +59,15 @@ def raise_smallest(
     weights: FloatArray | None = None,
     radius: float = 0.1,
     rounds: int = 30,
-    settled: float = 1e-6,
+    settled: float = 3e-5,
 ) -> Ascent:
     """Move K points so that the smallest of some margins becomes as large as can be nearby.
 
     Parameters
     ----------
     margins
-        (K, J, n) moves, counted from the start of each point, to (K, J, R) margins.
+        Gives (P, J, R) margins for P of the points and (P, J, n) moves, counted from the start of
+        each.
     shape
         K and n.
     raised
@@ -94,41 +93,45 @@ def raise_smallest(
     low, high = limits or (np.full(shape, -np.inf), np.full(shape, np.inf))
     climbers = [_Climber(raised, radius, low[k], high[k]) for k in range(count)]
     at = np.zeros(shape)
-    now, slopes = _with_slopes(margins, at, high)
+    now, slopes, _ = _with_slopes(margins, np.arange(count), at, high)
     if weights is None:
         weights = np.ones_like(now)
     for k, climber in enumerate(climbers):
         climber.learn(at[k], now[k], slopes[k])
     for _ in range(rounds):
         steps = np.zeros_like(at)
-        moving = np.zeros(count, dtype=bool)
         for k, climber in enumerate(climbers):
-            steps[k], promised = climber.step(at[k], now[k], weights[k])
-            moving[k] = climber.region > settled and promised > settled
-        if not moving.any():
+            if climber.region > settled:
+                steps[k], promised = climber.step(at[k], now[k], weights[k])
+                climber.region *= promised > settled
+        moving = np.flatnonzero([climber.region > settled for climber in climbers])
+        if not len(moving):
             break
-        aimed = at + steps
-        found, slopes = _with_slopes(margins, aimed, high)
-        less = _finite(margins(at[:, None] + _TRIED[1:, None] * steps[:, None]))
+        shorter = at[moving, None] + _TRIED[1:, None] * steps[moving, None]
+        found, slopes, less = _with_slopes(
+            margins, moving, at[moving] + steps[moving], high, shorter
+        )
         tried = np.concatenate([found[:, None], less], axis=1)
-        merit = _merit(tried * weights[:, None], raised)
-        before = _merit(now * weights, raised)
+        merit = _merit(tried * weights[moving, None], raised)
+        before = _merit(now[moving] * weights[moving], raised)
         best = merit.argmax(axis=1)
-        missing = np.zeros(count, dtype=bool)
-        for k in map(int, np.flatnonzero(moving)):
+        missing = []
+        for row, k in enumerate(map(int, moving)):
             climber = climbers[k]
-            climber.learn(aimed[k], found[k], slopes[k])
-            if merit[k, best[k]] > before[k]:
-                at[k] = at[k] + _TRIED[best[k]] * steps[k]
-                now[k] = tried[k, best[k]]
-                missing[k] = best[k] > 0
-                climber.resize(_GROW if best[k] == 0 else 1.0)
+            climber.learn(at[k] + steps[k], found[row], slopes[row])
+            if merit[row, best[row]] > before[row]:
+                at[k] = at[k] + _TRIED[best[row]] * steps[k]
+                now[k] = tried[row, best[row]]
+                if best[row] == 0:
+                    climber.region *= _GROW
+                else:
+                    missing.append(k)
             else:
-                climber.resize(_SHRINK)
-        if missing.any():
-            values, slopes = _with_slopes(margins, at, high)
-            for k in map(int, np.flatnonzero(missing)):
-                climbers[k].learn(at[k], values[k], slopes[k])
+                climber.region *= _SHRINK
+        if missing:
+            found, slopes, _ = _with_slopes(margins, np.array(missing), at[missing], high)
+            for row, k in enumerate(missing):
+                climbers[k].learn(at[k], found[row], slopes[row])
     return Ascent(at, now)
 
 
@@ -149,10 +152,6 @@ class _Climber:
         self._places = np.concatenate([self._places[kept], place[None]])
         self._values = np.concatenate([self._values[kept], values[None]])
         self._slopes = np.concatenate([self._slopes[kept], slopes[None]])
-
-    def resize(self, times: float) -> None:
-        """Change the trust region."""
-        self.region *= times
 
     def step(
         self, at: FloatArray, now: FloatArray, weights: FloatArray
@@ -186,6 +185,7 @@ class _Climber:
             np.concatenate([b.reshape(-1, size + 1) for b in blocks]),
             np.concatenate([limit.reshape(-1) for limit in limits]),
             bounds=bounds,
+            options={"presolve": False},
         )
         if found.x is None:
             return np.zeros(size), 0.0
@@ -194,15 +194,21 @@ class _Climber:
 
 
 def _with_slopes(
-    margins: Margins, at: FloatArray, high: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """(K, R) margins at (K, n) moves, and (K, R, n) their slopes."""
+    margins: Margins,
+    which: IntArray,
+    at: FloatArray,
+    high: FloatArray,
+    others: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(P, R) margins of points at (P, n) moves, (P, R, n) their slopes, and those of others."""
     size = at.shape[1]
-    step = np.where(at + _STEP > high, -_STEP, _STEP)
+    step = np.where(at + _STEP > high[which], -_STEP, _STEP)
     aside = np.concatenate([np.zeros((len(at), 1, size)), step[:, None] * np.eye(size)], axis=1)
-    found = _finite(margins(at[:, None] + aside))
+    moves = at[:, None] + aside
+    found = margins(which, moves if others is None else np.concatenate([moves, others], axis=1))
+    found, others = _finite(found[:, : size + 1]), _finite(found[:, size + 1 :])
     slopes = (found[:, 1:] - found[:, :1]) / step[..., None]
-    return found[:, 0], np.moveaxis(slopes, 1, 2)
+    return found[:, 0], np.moveaxis(slopes, 1, 2), others
 
 
 def _merit(margins: FloatArray, raised: BoolArray) -> FloatArray:

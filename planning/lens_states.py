@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lenscal import optics
-from lenscal.arrays import FloatArray, frozen_array
+from lenscal.arrays import FloatArray, IntArray, frozen_array
 from lenscal.camera import Camera
 from lenscal.errors import InputError
 from lenscal.sensor import Sensor
@@ -239,13 +239,13 @@ class LensStates:
             np.broadcast_to(np.asarray(iris, dtype=np.float64), (len(self),)),
         )
 
-    def some(self, which: slice) -> LensStates:
+    def some(self, which: slice | IntArray) -> LensStates:
         """Take some of the states.
 
         Parameters
         ----------
         which
-            Which of the S.
+            Which of the S; one may be taken more than once.
 
         Returns
         -------
@@ -260,7 +260,7 @@ class LensStates:
             self.iris,
         )
         return LensStates(
-            self.cameras[which],
+            tuple(self.cameras[k] for k in np.arange(len(self))[which]),
             self.object_distance_mm[which],
             *(None if array is None else array[which] for array in arrays),
         )

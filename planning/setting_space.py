@@ -83,6 +83,12 @@ class MapSettings:
         valid : BoolArray
             (N,) whether the map supports the setting.
         """
+        # Many views share a setting, and asking the map costs more than finding that out.
+        distinct, which = np.unique(shares, axis=0, return_inverse=True)
+        states, valid = self._states(distinct)
+        return states.some(which.reshape(-1)), valid[which.reshape(-1)]
+
+    def _states(self, shares: FloatArray) -> tuple[LensStates, BoolArray]:
         columns = iter(np.clip(shares, 0.0, 1.0).T)
         zero = np.zeros(len(shares))
         zoom_share, focus_share, iris_share = (

@@ -133,8 +133,8 @@ def improved(
             sigma = sigmas(requirements, starts, errors)
             weights = 1.0 / np.maximum(sigma, _LEAST_SIGMA)
 
-        def margins(moves: FloatArray, starts: S = starts) -> FloatArray:
-            found = FoundViews.judged(requirements, starts.moved(moves))
+        def margins(which: IntArray, moves: FloatArray, starts: S = starts) -> FloatArray:
+            found = FoundViews.judged(requirements, starts.some(which).moved(moves))
             table = found.shares - kept
             if by_value:
                 table = np.where(raised, found.values, table)
