@@ -59,7 +59,7 @@ def robustness_of(
     requirements: Sequence[Requirement],
     views: Views,
     errors: ViewErrors,
-    draws: int = 2048,
+    draws: int = 4096,
     seed: int = 0,
 ) -> Robustness:
     """Draw what views may really be, and judge each draw by everything.
