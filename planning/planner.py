@@ -26,6 +26,7 @@ from planning.orthogonal import (
 )
 from planning.plan import PLAN_KIND, PLAN_VERSION, Plan
 from planning.requirements.depth_of_field import DepthOfField
+from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.magnification import contradiction
 from planning.requirements.margin import BoundsMagnification, Requirement
 from planning.requirements.unvignetted import Unvignetted
@@ -134,11 +135,14 @@ def plan(
 
 
 def _judged(task: Task) -> list[Requirement]:
-    """What views are judged by: what is asked, and visibility in any case."""
+    """What views are judged by: what is asked, and in any case that the feature is seen."""
     if task.views == "orthogonal":
         return orthogonal_requirements(task.requirements)
-    seen = any(isinstance(r, Visibility) for r in task.requirements)
-    return [*task.requirements, *([] if seen else [Visibility()])]
+    judged = list(task.requirements)
+    kinds = {type(requirement) for requirement in judged}
+    # The camera may look aside, so that the feature has to be kept in the image.
+    implied = (FieldOfView(task.seen_feature.size_mm), Visibility())
+    return judged + [requirement for requirement in implied if type(requirement) not in kinds]
 
 
 def _space(lens: LensMap | FixedLens, task: Task) -> SettingSpace:
