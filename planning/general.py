@@ -12,13 +12,13 @@ from planning.candidates import find_starts
 from planning.requirements.margin import Requirement
 from planning.setting_space import SettingSpace
 from planning.view_errors import ViewErrors
-from planning.view_search import FoundViews, improved
+from planning.view_search import LEAST_SIGMA, FoundViews, improved, sigmas
 from planning.view_space import GeneralStarts
 from planning.views import Subject
 from planning.visibility.region import Region
 
-#: Starts that are followed to the end.
-_STARTS: Final = 12
+#: Starts, how many steps all of them are followed, and how many of them to the end.
+_STARTS, _FIRST_STEPS, _FOLLOWED, _STEPS = 12, 6, 6, 24
 #: Views nearer than this share of D, and turned and set by less than this, are one.
 _SAME: Final = 0.02
 
@@ -57,8 +57,14 @@ def general_views(
         Views that differ from each other, the most robust first, whether they satisfy all or not.
     """
     starts = find_starts(subject, region, settings, requirements, _STARTS, rng)
-    found = improved(requirements, starts, kept=kept, errors=errors)
-    return found.some(_distinct(found, (found.shares - kept).min(axis=1)))
+    for rounds in (_FIRST_STEPS, _STEPS):
+        found = improved(requirements, starts, kept=kept, errors=errors, rounds=rounds)
+        spare = found.shares - kept
+        if errors is not None:
+            spare = spare / np.maximum(sigmas(requirements, found.views, errors), LEAST_SIGMA)
+        found = found.some(_distinct(found, spare.min(axis=1))[:_FOLLOWED])
+        starts = found.views
+    return found
 
 
 def _distinct(found: FoundViews[GeneralStarts], promise: FloatArray) -> IntArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ import numpy.typing as npt
 from lenscal import optics
 from lenscal.arrays import FloatArray, IntArray, frozen_array
 from lenscal.camera import Camera
+from lenscal.cameras import Cameras
 from lenscal.errors import InputError
 from lenscal.sensor import Sensor
 from planning.nodal import LATERAL
@@ -47,7 +49,7 @@ class LensStates:
         is not positive.
     """
 
-    cameras: tuple[Camera, ...]
+    cameras: Sequence[Camera]
     object_distance_mm: FloatArray
     projection_centre_mm: FloatArray | None = None
     entrance_pupil_diameter_mm: FloatArray | None = None
@@ -56,15 +58,9 @@ class LensStates:
     iris: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        cameras = tuple(self.cameras)
-        if not cameras:
+        if not len(self.cameras):
             raise InputError("a view needs a lens setting, but there is none; give one or more")
-        others = [c.sensor for c in cameras if c.sensor != cameras[0].sensor]
-        if others:
-            raise InputError(
-                f"the cameras have different sensors, {cameras[0].sensor} and {others[0]}; plan "
-                "for one sensor at a time"
-            )
+        cameras = Cameras.of(self.cameras)
         object.__setattr__(self, "cameras", cameras)
         count = len(cameras)
         for name in ("object_distance_mm", "entrance_pupil_diameter_mm"):
@@ -190,17 +186,17 @@ class LensStates:
     @property
     def sensor(self) -> Sensor:
         """The sensor of all cameras."""
-        return self.cameras[0].sensor
+        return self._stack.sensor
 
     @cached_property
     def sensor_points(self) -> SensorPoints:
         """The image planes of all cameras."""
-        return SensorPoints(self.cameras)
+        return SensorPoints(self._stack)
 
-    @cached_property
+    @property
     def image_distance_mm(self) -> FloatArray:
         """(S,) d in mm."""
-        return np.array([camera.image_distance_mm for camera in self.cameras])
+        return self._stack.image_distance_mm
 
     @property
     def magnification(self) -> FloatArray:
@@ -210,9 +206,13 @@ class LensStates:
     @property
     def principal_point_mm(self) -> FloatArray:
         """(S, 2) principal point from the middle of the sensor, in mm."""
-        offset = np.stack([camera.centre_px for camera in self.cameras]) - self.sensor.centre_px
+        offset = self._stack.principal_point_px - self.sensor.centre_px
         mm: FloatArray = offset * self.sensor.sample_pitch_mm
         return mm
+
+    @property
+    def _stack(self) -> Cameras:
+        return Cameras.of(self.cameras)
 
     def with_iris(self, iris: npt.ArrayLike, entrance_pupil_diameter_mm: FloatArray) -> LensStates:
         """Change the iris alone.
@@ -260,7 +260,7 @@ class LensStates:
             self.iris,
         )
         return LensStates(
-            tuple(self.cameras[k] for k in np.arange(len(self))[which]),
+            self._stack.take(which),
             self.object_distance_mm[which],
             *(None if array is None else array[which] for array in arrays),
         )

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from lenscal.arrays import FloatArray
-from lenscal.camera import Camera
+from lenscal.cameras import Cameras
 
 #: Newton steps that the inversion of the distortion may take; two or three are usual.
 _NEWTON_STEPS: Final = 50
@@ -33,7 +33,7 @@ class SensorPoints:
         The cameras.
     """
 
-    cameras: tuple[Camera, ...]
+    cameras: Cameras
 
     @cached_property
     def distorts(self) -> bool:
@@ -145,21 +145,19 @@ class SensorPoints:
 
     @cached_property
     def _image_distance_mm(self) -> FloatArray:
-        return np.array([c.image_distance_mm for c in self.cameras])[:, None, None]
+        return self.cameras.image_distance_mm[:, None, None]
 
     @cached_property
     def _radial(self) -> FloatArray:
         """(K, S, 1, 1) coefficients of r², r⁴, and so on."""
-        terms = [(c.k1_per_mm2, *c.radial) for c in self.cameras]
-        count = max(map(len, terms))
-        table = np.array([t + (0.0,) * (count - len(t)) for t in terms])
+        table = self.cameras.radial
         used = max(1, int(np.flatnonzero(table.any(axis=0)).max(initial=0)) + 1)
         return table[:, :used].T[:, :, None, None]
 
     @cached_property
     def _decentring(self) -> FloatArray:
         """(2, S, 1, 1) p1, p2."""
-        return np.array([c.decentring for c in self.cameras]).T[:, :, None, None]
+        return self.cameras.decentring.T[:, :, None, None]
 
     @cached_property
     def _decentres(self) -> bool:
@@ -168,7 +166,7 @@ class SensorPoints:
     @cached_property
     def _reach_mm(self) -> FloatArray:
         """(S, 1, 1) undistorted radius that is imaged at the fold."""
-        sensor = self.cameras[0].sensor
+        sensor = self.cameras.sensor
         if len(self._radial) == 1 and not self._decentres:
             # r (1 + κ1 r²) rises up to r² = −1/(3 κ1), where it is two thirds of r.
             k1 = self._radial[0]

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
 from lenscal.arrays import FloatArray
-from lenscal.camera import Camera
+from lenscal.cameras import Cameras
 from lenscal.pose import Pose
 from planning.fixed_lens import FixedLens
 from planning.lens_states import LensStates
@@ -159,7 +159,7 @@ class ViewErrors:
 
     def _cameras(
         self, states: LensStates, image_distance_mm: FloatArray, normals: FloatArray
-    ) -> tuple[Camera, ...]:
+    ) -> Cameras:
         """K · J cameras."""
         count = len(normals)
         errors = np.zeros((len(states), count, len(_CAMERA)))
@@ -168,17 +168,15 @@ class ViewErrors:
             for k, name in enumerate(_CAMERA):
                 if name in self.lens.quantities:
                     errors[..., k] = self.lens.sigma(name, zoom, focus)[:, None] * normals[:, k]
-        return tuple(
-            replace(
-                camera,
-                image_distance_mm=float(distance),
-                principal_point_px=camera.centre_px + error[:2],
-                k1_per_mm2=camera.k1_per_mm2 + float(error[2]),
-            )
-            for camera, distances, own in zip(
-                states.cameras, image_distance_mm, errors, strict=True
-            )
-            for distance, error in zip(distances, own, strict=True)
+        known = Cameras.of(states.cameras).take(np.repeat(np.arange(len(states)), count))
+        shifts = errors.reshape(-1, len(_CAMERA))
+        radial = known.radial.copy()
+        radial[:, 0] += shifts[:, 2]
+        return replace(
+            known,
+            image_distance_mm=image_distance_mm.reshape(-1),
+            principal_point_px=known.principal_point_px + shifts[:, :2],
+            radial=radial,
         )
 
     def _pupil(self, states: LensStates, normals: FloatArray) -> FloatArray:

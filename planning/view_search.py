@@ -24,7 +24,7 @@ S = TypeVar("S", bound=Starts)
 #: Draws from which σ of the margins is taken while searching.
 _DRAWS: Final = 64
 #: σ of a margin counts as no less than this share, so that one that never changes stays finite.
-_LEAST_SIGMA: Final = 1e-6
+LEAST_SIGMA: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +116,8 @@ def improved(
     by_value
         Whether what is raised counts in its unit, and not as a share.
     errors
-        How well lens and robot are known: then each margin counts in its own σ. None: as a share.
+        How well lens and robot are known: then each margin counts in the σ that it has at the
+        start. None: as a share.
     rounds
         How many steps.
 
@@ -126,30 +127,26 @@ def improved(
         K views, with their margins as they are.
     """
     raised = np.ones(len(requirements), dtype=bool) if raised is None else raised
-    # σ changes on the way, so that margins in σ are raised in two goes.
-    for _ in range(1 if errors is None else 2):
-        weights = None
-        if errors is not None:
-            sigma = sigmas(requirements, starts, errors)
-            weights = 1.0 / np.maximum(sigma, _LEAST_SIGMA)
+    weights = None
+    if errors is not None:
+        weights = 1.0 / np.maximum(sigmas(requirements, starts, errors), LEAST_SIGMA)
 
-        def margins(which: IntArray, moves: FloatArray, starts: S = starts) -> FloatArray:
-            found = FoundViews.judged(requirements, starts.some(which).moved(moves))
-            table = found.shares - kept
-            if by_value:
-                table = np.where(raised, found.values, table)
-            return table.reshape(*moves.shape[:2], len(requirements))
+    def margins(which: IntArray, moves: FloatArray) -> FloatArray:
+        found = FoundViews.judged(requirements, starts.some(which).moved(moves))
+        table = found.shares - kept
+        if by_value:
+            table = np.where(raised, found.values, table)
+        return table.reshape(*moves.shape[:2], len(requirements))
 
-        end = raise_smallest(
-            margins,
-            (len(starts), starts.size),
-            raised=raised,
-            limits=starts.limits,
-            weights=weights,
-            rounds=rounds,
-        )
-        starts = starts.moved(end.moves[:, None])
-    return FoundViews.judged(requirements, starts)
+    end = raise_smallest(
+        margins,
+        (len(starts), starts.size),
+        raised=raised,
+        limits=starts.limits,
+        weights=weights,
+        rounds=rounds,
+    )
+    return FoundViews.judged(requirements, starts.moved(end.moves[:, None]))
 
 
 def sigmas(requirements: Sequence[Requirement], views: Starts, errors: ViewErrors) -> FloatArray:

@@ -19,6 +19,7 @@ import pandas as pd
 
 from lenscal.arrays import FloatArray
 from lenscal.camera import Camera
+from lenscal.cameras import Cameras
 from lenscal.document import digest
 from lenscal.errors import InputError, MapError
 from lenscal.maps.domain import Domain
@@ -258,7 +259,7 @@ class LensMap(PupilQuantities):
             return None
         return self.cameras_at([zoom], [focus])[0]
 
-    def cameras_at(self, zoom: npt.ArrayLike, focus: npt.ArrayLike) -> tuple[Camera, ...]:
+    def cameras_at(self, zoom: npt.ArrayLike, focus: npt.ArrayLike) -> Cameras:
         """Give the cameras at many settings.
 
         Parameters
@@ -268,7 +269,7 @@ class LensMap(PupilQuantities):
 
         Returns
         -------
-        tuple of Camera
+        Cameras
             One per setting, as `camera_at` gives it.
 
         Raises
@@ -283,15 +284,18 @@ class LensMap(PupilQuantities):
         distances = self.image_distance_mm(zoom, focus)
         known = {name: self.value(name, zoom, focus) for name in self.camera_surfaces}
         centre = self.sensor.centre_px
-        columns = np.broadcast_arrays(
+        distances, k1, x, y = np.broadcast_arrays(
             distances,
             known.get("k1_per_mm2", 0.0),
             known.get("principal_point_x_px", centre[0]),
             known.get("principal_point_y_px", centre[1]),
         )
-        return tuple(
-            Camera(self.sensor, float(d), float(k1), np.array([x, y]))
-            for d, k1, x, y in zip(*columns, strict=True)
+        return Cameras(
+            self.sensor,
+            distances,
+            np.stack([x, y], axis=-1),
+            k1[:, None],
+            np.zeros((len(distances), 2)),
         )
 
     def contour(self, quantity: str, level: float) -> list[SettingCurve]:
