@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
@@ -25,10 +25,11 @@ from lenscal.setting import ApproachSide, LensSetting
 from planning.fixed_lens import FixedLens
 from planning.nodal import NodalPoint, nodal_point
 from planning.placement_covariance import motion_covariance, seen_at
-from planning.planner import Plan
 from planning.robot_cell import RobotCell
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from lenscal.maps.lens_map import LensMap
 
 #: The roles in which the lens map and the hand-eye calibration must agree: the offsets are those of
@@ -115,6 +116,30 @@ class Unreachable:
     reason: str
 
 
+class Placeable(Protocol):
+    """A table of viewpoints that hands can be placed for: of one target or of several."""
+
+    @property
+    def lens(self) -> LensMap | FixedLens:
+        """The lens that was planned with."""
+
+    @property
+    def viewpoints(self) -> pd.DataFrame:
+        """One row per viewpoint: zoom, focus, iris and the pose of the camera."""
+
+    @property
+    def poses(self) -> tuple[Pose, ...]:
+        """part_from_camera of each viewpoint, in the order of the table."""
+
+    @property
+    def why_empty(self) -> str:
+        """Why there is no viewpoint; empty when there are some."""
+
+    @property
+    def made_from(self) -> dict[str, str]:
+        """Digests of what the plan was made from."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Placements:
     """A plan turned into poses of the hand.
@@ -136,14 +161,14 @@ class Placements:
     placements: Sequence[Placement]
     unreachable: Sequence[Unreachable]
     cell: RobotCell
-    plan: Plan
+    plan: Placeable
     notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.placements)
 
 
-def place_plan(plan: Plan, cell: RobotCell) -> Placements:
+def place_plan(plan: Placeable, cell: RobotCell) -> Placements:
     """Find where the hand has to go for every viewpoint of a plan.
 
     Parameters
