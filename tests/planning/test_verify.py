@@ -131,8 +131,8 @@ def test_clearance_is_judged_as_the_requirement_judges_it(paper_sensor) -> None:
     clearance = Clearance(body, 8.0)
     states = LensStates((Camera(paper_sensor, 20.0),), np.array([100.0]), centre[None])
     generator = np.random.default_rng(0)
-    places = generator.normal(size=(150, 3))
-    places *= generator.uniform(60, 180, (150, 1)) / np.linalg.norm(places, axis=1, keepdims=True)
+    places = generator.normal(size=(80, 3))
+    places *= generator.uniform(60, 180, (80, 1)) / np.linalg.norm(places, axis=1, keepdims=True)
     poses = [looking(place) for place in places]
     subject = Subject(example_part().target, None, scene)
     margins = clearance.margin(Views.of(poses, states, subject)).value[:, 0]
@@ -147,7 +147,7 @@ def test_clearance_is_judged_as_the_requirement_judges_it(paper_sensor) -> None:
     ])  # fmt: skip
     sure = np.abs(margins) > TOLERANCE_MM
     np.testing.assert_array_equal(clear[sure], margins[sure] > 0)
-    assert 20 < clear.sum() < 130
+    assert 10 < clear.sum() < 70
 
 
 def test_the_pupil_and_a_ball_are_looked_through(bench, camera) -> None:
@@ -225,7 +225,7 @@ def test_plans_with_all_requirements_pass() -> None:
     task = Task(part.target, part.feature, requirements, part.workspace)
     lens = LensMap.load(Path(__file__).parents[2] / "data" / "vicon-1990" / "map.json")
     found = plan(task, lens, part.scene, audit_points=0, settings_tried=5)
-    assert len(found.viewpoints) > 5
+    assert len(found.viewpoints) > 3
     states, exact = found.views.states, ExactTest(part.scene)
     for k, pose in enumerate(found.poses):
         seen = verify_viewpoint(
