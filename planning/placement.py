@@ -192,9 +192,7 @@ def place_plan(plan: Placeable, cell: RobotCell) -> Placements:
     """
     if not len(plan.viewpoints):
         raise PlanningError(f"there is nothing to place: the plan is empty ({plan.why_empty})")
-    lens = _placeable(plan.lens)
-    _same_rig(lens, cell.mount)
-    approach = cell.approach or _approach_of(lens)
+    lens, approach = placeable(plan.lens, cell)
     placed: list[Placement] = []
     beyond: list[Unreachable] = []
     for row, part_from_camera in enumerate(plan.poses):
@@ -219,6 +217,34 @@ def place_plan(plan: Placeable, cell: RobotCell) -> Placements:
             f"{beyond[0].reason}; move the part or enlarge the reach"
         )
     return Placements(tuple(placed), tuple(beyond), cell, plan, placed[0].nodal.notes)
+
+
+def placeable(lens: LensMap | FixedLens, cell: RobotCell) -> tuple[LensMap, ApproachSide]:
+    """Make sure that a lens can be placed in a cell, before it is planned for.
+
+    Parameters
+    ----------
+    lens
+        The lens that is planned with.
+    cell
+        What stands where.
+
+    Returns
+    -------
+    lens : LensMap
+        The lens map, with nodal offsets.
+    approach : ApproachSide
+        From which side the motors of the lens arrive.
+
+    Raises
+    ------
+    PlanningError
+        When the lens map does not tell where the projection centre is, the hand-eye calibration is
+        of another rig or setting, or the side to arrive from is not known.
+    """
+    known = _with_offsets(lens)
+    _same_rig(known, cell.mount)
+    return known, cell.approach or _approach_of(known)
 
 
 def place(
@@ -268,7 +294,7 @@ def place(
     )
 
 
-def _placeable(lens: LensMap | FixedLens) -> LensMap:
+def _with_offsets(lens: LensMap | FixedLens) -> LensMap:
     if isinstance(lens, FixedLens):
         raise PlanningError(
             "a fixed lens has no nodal offsets to place it by; calibrate it with a robot and plan "

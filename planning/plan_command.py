@@ -70,6 +70,7 @@ def plan(
     from lenscal.errors import PlanningError
     from lenscal.progress import progress_bar, silent
     from lenscal.units import parse_length_mm
+    from planning.placement import placeable
     from planning.planner import plan as plan_one
     from planning.several import plan_all
     from planning.task_file import load_cell, load_tasks
@@ -82,6 +83,8 @@ def plan(
             f"{task_file} does not say where the robot stands; add a table [placement], or leave "
             "out --sequence and --placements"
         )
+    if cell is not None:
+        placeable(lens, cell)
     found: Plan | CoveringPlan
     if len(tasks) == 1:
         found = plan_one(tasks[0], lens, scene, safety=safety, seed=seed)

@@ -25,6 +25,7 @@ from planning.orthogonal import (
     orthogonal_viewpoints,
 )
 from planning.plan_record import PLAN_KIND, PLAN_VERSION, Plan
+from planning.preconditions import refuse_unknown
 from planning.requirements.depth_of_field import DepthOfField
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.magnification import contradiction
@@ -98,7 +99,13 @@ def plan(
     -------
     Plan
         The viewpoints, the most robust first; none, with the reason, when it cannot be done.
+
+    Raises
+    ------
+    PlanningError
+        When a requirement needs something that is not known of the lens.
     """
+    refuse_unknown(task.requirements, lens)
     if settings is None:
         settings = admissible_settings(lens, task.requirements, safety=safety)
     ring = Ring.about(task.seen_feature, task.target)

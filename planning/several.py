@@ -26,6 +26,7 @@ from planning.coverage import coverage, margin_matrix
 from planning.fixed_lens import FixedLens
 from planning.plan_record import Plan
 from planning.planner import plan
+from planning.preconditions import refuse_unknown
 from planning.requirements.margin import Requirement
 from planning.robot_cell import RobotCell
 from planning.route import LEVER_MM, Route, shortest_route, travel_between_mm
@@ -208,9 +209,12 @@ def plan_all(
     Raises
     ------
     PlanningError
-        When there is no task, or two have the same name.
+        When there is no task, two have the same name, or a requirement needs something that is not
+        known of the lens.
     """
     _refuse_unnamed(tasks)
+    for task in tasks:
+        refuse_unknown(task.requirements, lens)
     plans: list[Plan] = []
     settings: dict[tuple[Requirement, ...], AdmissibleSettings] = {}
     exact_test = ExactTest(scene)
