@@ -87,14 +87,21 @@ def plan(
         placeable(lens, cell)
     found: Plan | CoveringPlan
     if len(tasks) == 1:
-        found = plan_one(tasks[0], lens, scene, safety=safety, seed=seed)
+        found = plan_one(tasks[0], lens, scene, cell=cell, safety=safety, seed=seed)
         _save(found, out)
         _show_plan(found)
     else:
         shown: ProgressMaker = progress_bar if sys.stderr.isatty() else silent
         start = time.perf_counter()
         found = plan_all(
-            tasks, lens, scene, safety=safety, seed=seed, lever_mm=lever_mm, progress=shown
+            tasks,
+            lens,
+            scene,
+            cell=cell,
+            safety=safety,
+            seed=seed,
+            lever_mm=lever_mm,
+            progress=shown,
         )
         took_s = time.perf_counter() - start
         _save(found, out)

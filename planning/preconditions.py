@@ -32,24 +32,24 @@ def refuse_unknown(requirements: Sequence[Requirement], lens: LensMap | FixedLen
         When the entrance pupil is needed but not known, or the place of the projection centre in
         the lens.
     """
-    of_pupil = [r for r in requirements if isinstance(r, DepthOfField | Unvignetted)]
+    of_pupil = [r.name for r in requirements if isinstance(r, DepthOfField | Unvignetted)]
     fixed = isinstance(lens, FixedLens)
-    known = lens.entrance_pupil_diameter_mm if isinstance(lens, FixedLens) else lens.pupil
-    if of_pupil and known is None:
+    pupil = lens.entrance_pupil_diameter_mm if isinstance(lens, FixedLens) else lens.pupil
+    if of_pupil and pupil is None:
         way = (
-            "give FixedLens(..., entrance_pupil_diameter_mm=...) or FixedLens.with_f_number"
+            "give FixedLens(..., entrance_pupil_diameter_mm=...)"
             if fixed
-            else "calibrate a session whose autofocus measures by edge_width, wide open, and fit the "
-            "map again"
+            else "calibrate a session whose autofocus measures by edge_width and fit the map again"
         )
         raise PlanningError(
-            f"to judge {of_pupil[0].name} planning needs the entrance-pupil diameter, which is not known of this lens; {way}, or leave "
-            f"{of_pupil[0].name} out"
+            f"to judge {of_pupil[0]} planning needs the entrance-pupil diameter, which this "
+            f"{'fixed lens' if fixed else 'lens map'} does not know; {way}, or leave {of_pupil[0]} "
+            "out"
         )
-    clearances = [r for r in requirements if isinstance(r, Clearance)]
-    if clearances and not isinstance(lens, FixedLens) and not lens.has_standoff:
+    of_body = any(isinstance(r, Clearance) for r in requirements)
+    if of_body and not isinstance(lens, FixedLens) and not lens.has_standoff:
         raise PlanningError(
-            "clearance needs to know where the projection centre lies in the lens, but this map has "
-            "no nodal offsets, since no robot poses were recorded; record a session with a "
-            "positioner and fit the map again, or leave clearance out"
+            "to judge clearance planning needs to know where the projection centre lies in the "
+            "lens, but this lens map has no nodal offsets, since no robot's poses were recorded; "
+            "record a session with a positioner and fit the map again, or leave clearance out"
         )

@@ -228,7 +228,7 @@ def plan_all(
                     task,
                     lens,
                     scene,
-                    cell=cell,
+                    cell=None if task.confidence is None else cell,
                     safety=safety,
                     settings_tried=settings_tried,
                     audit_points=audit_points,

@@ -10,6 +10,8 @@ Every length carries its unit, or is refused::
                                                                   # or vertices = [[…], […], […]]
     feature = [["-0.5 in", "0 in", "0 in"], ["0.5 in", "0 in", "0 in"]]   # left out: the target
     workspace = { low = ["-30 cm", "-80 cm", "5 cm"], high = ["30 cm", "80 cm", "1 m"] }
+    views = "orthogonal"             # or "general": from anywhere in any direction
+    confidence = "99 %"              # with which all requirements hold together; left out: any
 
     [[requirements]]
     kind = "resolution"
@@ -66,16 +68,16 @@ A table ``[placement]``, see `planning.placement_file`, says in which robot cell
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from lenscal.errors import InputError
 from lenscal.handwritten import Handwritten, load_toml
 from planning.fixed_lens import FixedLens
 from planning.placement_file import PlacementSpec
-from planning.requirement_specs import PointMm, RequirementSpec, requirement
+from planning.requirement_specs import PointMm, RequirementSpec, percent, requirement
 from planning.robot_cell import RobotCell
 from planning.scene import Scene
 from planning.solid import box_workspace
@@ -198,6 +200,10 @@ class TaskFile(Handwritten):
         targets has its own.
     placement
         The robot cell that the plan is to be carried out in; None to plan only.
+    views
+        Whether the feature is seen orthogonally, as in the paper, or from anywhere.
+    confidence
+        The probability with which all requirements shall hold together; None to ask for none.
     """
 
     name: str = ""
@@ -210,6 +216,8 @@ class TaskFile(Handwritten):
     workspace: WorkspaceSpec
     requirements: list[RequirementSpec] | None = Field(default=None, min_length=1)
     placement: PlacementSpec | None = None
+    views: Literal["orthogonal", "general"] = "orthogonal"
+    confidence: Annotated[float, BeforeValidator(percent)] | None = Field(default=None, gt=0, lt=1)
 
     @model_validator(mode="after")
     def _one_or_several(self) -> TaskFile:
@@ -251,7 +259,10 @@ class TaskFile(Handwritten):
         shared = [requirement(spec, folder) for spec in self.requirements or ()]
         if self.target is not None:
             feature = _feature(self.feature)
-            return (Task(self.target.build(scene), feature, shared, workspace, self.name),)
+            whole = self.target.build(scene)
+            return (
+                Task(whole, feature, shared, workspace, self.name, self.views, self.confidence),
+            )
         return tuple(
             Task(
                 target.build(scene),
@@ -261,6 +272,8 @@ class TaskFile(Handwritten):
                 else [requirement(spec, folder) for spec in target.requirements],
                 workspace,
                 target.name,
+                self.views,
+                self.confidence,
             )
             for target in self.targets or ()
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -11,9 +12,11 @@ import pytest
 import trimesh
 from click.testing import CliRunner
 
+from lenscal.calibration.table import CalibrationTable
 from lenscal.document import read_document
 from lenscal.errors import FileError, GeometryError, InputError, PlanningError, UnitError
 from lenscal.maps.fit import fit_lens_map
+from lenscal.maps.lens_map import LensMap
 from planning import cli
 from planning.enclosure import example_part
 from planning.task_file import load_task
@@ -204,6 +207,44 @@ def test_plan_of_several_targets_without_a_viewpoint_is_an_error(folder) -> None
     (folder / "none.toml").write_text(text, encoding="utf-8")
     with pytest.raises(PlanningError, match="no viewpoint: none of the 2 targets can be seen as"):
         run(cli.plan, folder / "none.toml", "-o", folder / "none.json")
+
+
+def test_plan_shows_every_margin_that_was_asked_for(folder, tmp_path, request) -> None:
+    data = request.config.rootpath / "data"
+    more = """
+[[requirements]]
+kind = "depth_of_field"
+depth = "1 mm"
+blur = "2.5 px"
+[[requirements]]
+kind = "incidence"
+max_angle = "80 deg"
+"""
+    text = (TASK + more).replace("map.json", str(data / "vicon-1990" / "map.json"))
+    (folder / "sharp.toml").write_text(text, encoding="utf-8")
+    done = run(cli.plan, folder / "sharp.toml", "-o", tmp_path / "plan.json")
+    for words in ("iris", "Margins, as shares of what is asked", "depth", "angle", "resol."):
+        assert words in done.output
+    assert max(len(line) for line in done.output.splitlines()[:-1]) <= 80
+
+
+def test_what_cannot_be_planned_is_refused_at_once(folder, tmp_path, request) -> None:
+    data = request.config.rootpath / "data"
+    placement = "[placement]" + (data / "task.toml").read_text().partition("[placement]")[2]
+    placement = placement.replace("vicon-1990/session", str(data / "vicon-1990" / "session"))
+    session = CalibrationTable.load(data / "vicon-1990" / "table.csv").identity
+    lens = LensMap.load(folder / "map.json")
+    replace(lens, identity={**session, "rig": "another"}).save(folder / "other.json")
+    for name, table, message in (
+        ("map.json", placement, "counted from|does not state; state with approach|holds for"),
+        ("other.json", placement, "of another rig than the lens map: its rig is 'simulated v"),
+        ("map.json", '[[requirements]]\nkind = "unvignetted"', "to judge unvignetted planning"),
+    ):
+        path = folder / "early.toml"
+        path.write_text((TASK + table).replace("map.json", name), encoding="utf-8")
+        with pytest.raises(PlanningError, match=message):
+            run(cli.plan, path, "-o", tmp_path / "none.json")
+    assert not (tmp_path / "none.json").exists()
 
 
 def test_plan_without_a_viewpoint_is_an_error(folder) -> None:

@@ -167,3 +167,20 @@ def test_several_targets_share_what_the_file_asks_unless_they_ask_themselves(tmp
 def test_several_targets_that_make_no_sense(tmp_path, parts, message) -> None:
     with pytest.raises(InputError, match=message):
         read_all(several(tmp_path, *parts))
+
+
+def test_views_and_confidence(tmp_path) -> None:
+    task = read(tmp_path, 'views = "general"\nconfidence = "99 %"\n' + SHARED)
+    assert (task.views, task.confidence) == ("general", pytest.approx(0.99))
+    plain = read(tmp_path, SHARED)
+    assert (plain.views, plain.confidence) == ("orthogonal", None)
+    text = 'views = "general"\nconfidence = "90 %"\n'
+    tasks = read_all(several(tmp_path, SEVERAL, text, SHARED, TOP, CORNER))
+    assert {(t.views, t.confidence) for t in tasks} == {("general", 0.9)}
+    for wrong, message in (
+        ("confidence = 0.99", "confidence: 0.99 needs its unit, %, such as '1.5 %'"),
+        ('confidence = "100 %"', "confidence: Input should be less than 1"),
+        ('views = "oblique"', "views: Input should be 'orthogonal' or 'general'"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read(tmp_path, f"{wrong}\n{SHARED}")
