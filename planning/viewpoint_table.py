@@ -81,8 +81,8 @@ def viewpoint_tables(title: str, viewpoints: pd.DataFrame) -> list[Table]:
         One, or two where there are many margins, the viewpoints numbered the same in both.
     """
     margins = margin_columns(viewpoints)
-    open_iris = "iris" not in viewpoints or not viewpoints["iris"].notna().any()
-    if len(margins) <= _BESIDE and open_iris:
+    wide = any(n in viewpoints and viewpoints[n].notna().any() for n in ("iris", "probability"))
+    if len(margins) <= _BESIDE and not wide:
         return [viewpoint_table(title, viewpoints, (*_WHERE, *margins, *_LAST))]
     numbers = {"": [str(number) for number in range(len(viewpoints))]}
     return [
