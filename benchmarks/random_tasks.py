@@ -43,7 +43,7 @@ from lenscal.setting import LensSetting
 from planning.camera_body import CameraBody
 from planning.judgement import judge
 from planning.nodal import nodal_point
-from planning.plan import Plan
+from planning.plan_record import Plan
 from planning.planner import plan
 from planning.requirements.clearance import Clearance
 from planning.requirements.depth_of_field import DepthOfField

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -15,6 +16,7 @@ from lenscal.arrays import BoolArray, FloatArray, IntArray, frozen_array
 from lenscal.errors import GeometryError
 from planning.crossings import find_crossing
 from planning.solid import Solid
+from planning.surface_parts import SurfacePart, surface_parts
 
 #: Pairs of face and corner up to which a body is looked at for being convex.
 _AT_A_GLANCE: Final = 20_000
@@ -134,6 +136,11 @@ class Body(Solid):
     def volume_mm3(self) -> float:
         """Volume in mm³; bare faces have none."""
         return Solid.volume_mm3.fget(self) if self.is_closed else 0.0  # type: ignore[attr-defined]
+
+    @cached_property
+    def parts(self) -> tuple[SurfacePart, ...]:
+        """Its surface in convex bodies and polygons, found when first asked for, and kept."""
+        return surface_parts(self, self.is_closed)
 
     def contains(self, points_mm: npt.ArrayLike) -> BoolArray:
         """Tell which points lie inside.

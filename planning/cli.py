@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from planning.plan_command import plan
 from planning.visibility_command import visibility
 
 if TYPE_CHECKING:
     from lenscal.sensor import Axis
-    from planning.planner import Plan
     from planning.requirements.margin import Requirement
-    from planning.robot_cell import RobotCell
     from planning.settings import AdmissibleSettings
 
 __all__ = ["demo", "plan", "settings", "visibility"]
@@ -49,60 +48,6 @@ def settings(
     if found.is_empty:
         raise PlanningError(found.why_empty)
     _show_settings(found)
-
-
-@click.command()
-@click.argument("task_file", metavar="TASK.toml", type=_FILE)
-@click.option(
-    "-o", "--out", type=_FILE, default=Path("plan.json"), show_default=True, help="The plan."
-)
-@click.option(
-    "--sequence",
-    type=_FILE,
-    help="What `lenscal rig run` carries out; sequence.json beside the plan if not given.",
-)
-@click.option(
-    "--placements", type=_FILE, help="Poses of the hand with their σ as a table (.csv or .json)."
-)
-@click.option("--safety", default=0.005, show_default=True, help="Share by which limits are kept.")
-@click.option("--seed", default=0, show_default=True, help="Seed of the audit's viewpoints.")
-def plan(
-    task_file: Path,
-    out: Path,
-    sequence: Path | None,
-    placements: Path | None,
-    safety: float,
-    seed: int,
-) -> None:
-    """Plan viewpoints and settings for a task.
-
-    TASK.toml names the part, its unit, the lens map, the target, the workspace and the
-    requirements; every length in it carries its unit. With a table [placement], which says where
-    the part lies and how the camera sits on the hand, the poses of the robot are written too.
-
-    \b
-    Example:
-      lenscal plan task.toml -o plan.json
-    """
-    from lenscal.errors import PlanningError
-    from planning.planner import plan as make_plan
-    from planning.task_file import load_cell, load_task
-
-    task, lens, scene = load_task(task_file)
-    cell = load_cell(task_file)
-    if cell is None and (sequence is not None or placements is not None):
-        raise PlanningError(
-            f"{task_file} does not say where the robot stands; add a table [placement], or leave "
-            "out --sequence and --placements"
-        )
-    found = make_plan(task, lens, scene, safety=safety, seed=seed)
-    found.save(out)
-    if found.why_empty:
-        raise PlanningError(f"no viewpoint: {found.why_empty} (what was found is in {out})")
-    _show_plan(found)
-    click.echo(f"wrote {out}")
-    if cell is not None:
-        _write_placements(found, cell, sequence or out.with_name("sequence.json"), placements)
 
 
 @click.command()
@@ -169,35 +114,3 @@ def _show_settings(found: AdmissibleSettings) -> None:
         if bounds is not None:
             table.add_row(name, *(f"{v:.2f}" for v in bounds))
     Console().print(table)
-
-
-def _show_plan(found: Plan) -> None:
-    from rich.console import Console
-
-    from planning.viewpoint_table import viewpoint_table
-
-    columns = (
-        *("zoom", "focus", "magnification", "object_distance_mm", "standoff_mm"),
-        *("x_mm", "y_mm", "z_mm"),
-        *("resolution_margin", "field_of_view_margin", "visibility_margin_mm"),
-    )
-    title = f"Viewpoints {found.task.name}".strip()
-    Console().print(viewpoint_table(title, found.viewpoints, columns))
-
-
-def _write_placements(
-    found: Plan, cell: RobotCell, sequence: Path, placements: Path | None
-) -> None:
-    from planning.placement import place_plan
-    from planning.placement_export import as_sequence, save_placements
-
-    placed = place_plan(found, cell)
-    for note in placed.notes:
-        click.echo(f"note: {note}")
-    for one in placed.unreachable:
-        click.echo(f"viewpoint {one.viewpoint} is left out: {one.reason}")
-    if placements is not None:
-        save_placements(placed, placements)
-        click.echo(f"wrote {placements}")
-    as_sequence(placed).save(sequence)
-    click.echo(f"wrote {sequence}; next: lenscal rig run {sequence} --rig rig.toml -o pictures")

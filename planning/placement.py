@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
@@ -25,10 +25,11 @@ from lenscal.setting import ApproachSide, LensSetting
 from planning.fixed_lens import FixedLens
 from planning.nodal import NodalPoint, nodal_point
 from planning.placement_covariance import motion_covariance, seen_at
-from planning.planner import Plan
 from planning.robot_cell import RobotCell
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from lenscal.maps.lens_map import LensMap
 
 #: The roles in which the lens map and the hand-eye calibration must agree: the offsets are those of
@@ -115,6 +116,30 @@ class Unreachable:
     reason: str
 
 
+class Placeable(Protocol):
+    """A table of viewpoints that hands can be placed for: of one target or of several."""
+
+    @property
+    def lens(self) -> LensMap | FixedLens:
+        """The lens that was planned with."""
+
+    @property
+    def viewpoints(self) -> pd.DataFrame:
+        """One row per viewpoint: zoom, focus, iris and the pose of the camera."""
+
+    @property
+    def poses(self) -> tuple[Pose, ...]:
+        """part_from_camera of each viewpoint, in the order of the table."""
+
+    @property
+    def why_empty(self) -> str:
+        """Why there is no viewpoint; empty when there are some."""
+
+    @property
+    def made_from(self) -> dict[str, str]:
+        """Digests of what the plan was made from."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Placements:
     """A plan turned into poses of the hand.
@@ -136,14 +161,14 @@ class Placements:
     placements: Sequence[Placement]
     unreachable: Sequence[Unreachable]
     cell: RobotCell
-    plan: Plan
+    plan: Placeable
     notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.placements)
 
 
-def place_plan(plan: Plan, cell: RobotCell) -> Placements:
+def place_plan(plan: Placeable, cell: RobotCell) -> Placements:
     """Find where the hand has to go for every viewpoint of a plan.
 
     Parameters
@@ -167,9 +192,7 @@ def place_plan(plan: Plan, cell: RobotCell) -> Placements:
     """
     if not len(plan.viewpoints):
         raise PlanningError(f"there is nothing to place: the plan is empty ({plan.why_empty})")
-    lens = _placeable(plan.lens)
-    _same_rig(lens, cell.mount)
-    approach = cell.approach or _approach_of(lens)
+    lens, approach = placeable(plan.lens, cell)
     placed: list[Placement] = []
     beyond: list[Unreachable] = []
     for row, part_from_camera in enumerate(plan.poses):
@@ -194,6 +217,34 @@ def place_plan(plan: Plan, cell: RobotCell) -> Placements:
             f"{beyond[0].reason}; move the part or enlarge the reach"
         )
     return Placements(tuple(placed), tuple(beyond), cell, plan, placed[0].nodal.notes)
+
+
+def placeable(lens: LensMap | FixedLens, cell: RobotCell) -> tuple[LensMap, ApproachSide]:
+    """Make sure that a lens can be placed in a cell, before it is planned for.
+
+    Parameters
+    ----------
+    lens
+        The lens that is planned with.
+    cell
+        What stands where.
+
+    Returns
+    -------
+    lens : LensMap
+        The lens map, with nodal offsets.
+    approach : ApproachSide
+        From which side the motors of the lens arrive.
+
+    Raises
+    ------
+    PlanningError
+        When the lens map does not tell where the projection centre is, the hand-eye calibration is
+        of another rig or setting, or the side to arrive from is not known.
+    """
+    known = _with_offsets(lens)
+    _same_rig(known, cell.mount)
+    return known, cell.approach or _approach_of(known)
 
 
 def place(
@@ -243,7 +294,7 @@ def place(
     )
 
 
-def _placeable(lens: LensMap | FixedLens) -> LensMap:
+def _with_offsets(lens: LensMap | FixedLens) -> LensMap:
     if isinstance(lens, FixedLens):
         raise PlanningError(
             "a fixed lens has no nodal offsets to place it by; calibrate it with a robot and plan "

@@ -12,7 +12,6 @@ from lenscal.camera_mount import ROLES
 from lenscal.document import write_document, write_whole
 from lenscal.errors import FileError
 from lenscal.sequence import Sequence, Station
-from planning.fixed_lens import FixedLens
 from planning.placement import Placement, Placements
 
 KIND: Final = "placements"
@@ -64,7 +63,7 @@ def save_placements(placements: Placements, path: Path | str) -> Path:
     if path.suffix != ".json":
         raise FileError(f"placements are written as .csv or .json, but {path.name!r} was named")
     body = {
-        "made_from": _made_from(placements),
+        "made_from": placements.plan.made_from,
         "identity": _identity(placements),
         "notes": list(placements.notes),
         "placements": [
@@ -108,7 +107,7 @@ def as_sequence(placements: Placements) -> Sequence:
         )
         for p in placements.placements
     ]
-    return Sequence(stations, _identity(placements), _made_from(placements))
+    return Sequence(stations, _identity(placements), placements.plan.made_from)
 
 
 def _row(placement: Placement) -> dict[str, float | int | str]:
@@ -139,9 +138,3 @@ def _row(placement: Placement) -> dict[str, float | int | str]:
 def _identity(placements: Placements) -> dict[str, str]:
     stated = placements.cell.mount.identity
     return {role: stated[role] for role in ROLES if role in stated}
-
-
-def _made_from(placements: Placements) -> dict[str, str]:
-    plan = placements.plan
-    found = {"task": plan.task.digest, "scene": plan.scene.digest}
-    return found if isinstance(plan.lens, FixedLens) else found | {"lens_map": plan.lens.digest}

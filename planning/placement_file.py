@@ -21,6 +21,7 @@ from pydantic import Field
 
 from lenscal.arrays import FloatArray
 from lenscal.calibration.calibration import Repeatability
+from lenscal.calibration.mount import stated_mount
 from lenscal.camera_mount import CameraMount
 from lenscal.errors import PlanningError
 from lenscal.handwritten import Handwritten, LengthMm, PointMm, PoseSpec
@@ -159,21 +160,11 @@ def mount_of_session(recording: Recording) -> CameraMount:
     PlanningError
         When the rig did not state it, or not how well it is known.
     """
-    head = recording.head
-    if head.hand_from_camera is None or head.reference_setting is None:
+    found = stated_mount(recording)
+    if found is None:
         raise PlanningError(
-            f"the session {recording.folder} does not say how the camera sits on the hand; "
-            "name a hand-eye calibration instead"
+            f"the session {recording.folder} does not say how the camera sits on the hand, and how "
+            "well that is known; name a hand-eye calibration instead, such as "
+            "`lenscal calibrate SESSION --mount mount.json` writes"
         )
-    if head.hand_eye_sigma_rad is None or head.hand_eye_sigma_mm is None:
-        raise PlanningError(
-            f"the session {recording.folder} does not say how well it knows how the camera sits on "
-            "the hand; name a hand-eye calibration with its covariance instead"
-        )
-    return CameraMount.stated(
-        head.hand_from_camera,
-        head.reference_setting,
-        head.identity,
-        head.hand_eye_sigma_rad,
-        head.hand_eye_sigma_mm,
-    )
+    return found

@@ -24,7 +24,8 @@ from planning.orthogonal import (
     orthogonal_starts,
     orthogonal_viewpoints,
 )
-from planning.plan import PLAN_KIND, PLAN_VERSION, Plan
+from planning.plan_record import PLAN_KIND, PLAN_VERSION, Plan
+from planning.preconditions import refuse_unknown
 from planning.requirements.depth_of_field import DepthOfField
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.magnification import contradiction
@@ -35,13 +36,14 @@ from planning.robot_cell import RobotCell
 from planning.robustness import robustness_of
 from planning.scene import Scene
 from planning.setting_space import FixedSettings, MapSettings, SettingSpace
-from planning.settings import admissible_settings
+from planning.settings import AdmissibleSettings, admissible_settings
 from planning.task import Task
 from planning.view_errors import ViewErrors
 from planning.view_search import FoundViews, improved
 from planning.viewpoint_rows import as_table, rows_of
 from planning.viewpoints import Ring
 from planning.views import Subject
+from planning.visibility.exact_test import ExactTest
 from planning.visibility.methods import visibility_region
 
 if TYPE_CHECKING:
@@ -63,6 +65,8 @@ def plan(
     settings_tried: int = 9,
     audit_points: int = 10_000,
     seed: int = 0,
+    settings: AdmissibleSettings | None = None,
+    exact_test: ExactTest | None = None,
 ) -> Plan:
     """Find viewpoints and settings at which a feature is visible, resolved and inside the image.
 
@@ -86,13 +90,24 @@ def plan(
         How many random viewpoints check the visibility region.
     seed
         Seed of those viewpoints, and of where a search for general views starts.
+    settings
+        The admissible settings for these requirements and this safety, where the caller has them.
+    exact_test
+        The scene prepared for the audit, where the caller has it for many targets.
 
     Returns
     -------
     Plan
         The viewpoints, the most robust first; none, with the reason, when it cannot be done.
+
+    Raises
+    ------
+    PlanningError
+        When a requirement needs something that is not known of the lens.
     """
-    settings = admissible_settings(lens, task.requirements, safety=safety)
+    refuse_unknown(task.requirements, lens)
+    if settings is None:
+        settings = admissible_settings(lens, task.requirements, safety=safety)
     ring = Ring.about(task.seen_feature, task.target)
     empty = Plan(task, lens, scene, settings, None, ring, as_table(task, []), safety)
     why = settings.why_empty
@@ -102,7 +117,12 @@ def plan(
     if why:
         return replace(empty, why_empty=why)
     region = visibility_region(
-        scene, task.target, task.workspace, audit_points=audit_points, seed=seed
+        scene,
+        task.target,
+        task.workspace,
+        audit_points=audit_points,
+        seed=seed,
+        exact_test=exact_test,
     )
     if region.is_empty:
         return replace(empty, region=region, why_empty=f"visibility: {region.why_empty}")

@@ -45,6 +45,28 @@ def _with_unit(*units: str) -> Callable[[Any], float]:
 
 
 _angle_deg = _with_unit("deg", "rad")
+_percent = _with_unit("%")
+
+
+def percent(value: Any) -> float:
+    """Read a probability that is written in percent.
+
+    Parameters
+    ----------
+    value
+        Such as ``"99 %"``.
+
+    Returns
+    -------
+    float
+        Such as 0.99.
+
+    Raises
+    ------
+    ValueError
+        When it is written otherwise.
+    """
+    return _percent(value) / 100.0
 
 
 class ResolutionSpec(Handwritten):

@@ -10,6 +10,8 @@ Every length carries its unit, or is refused::
                                                                   # or vertices = [[…], […], […]]
     feature = [["-0.5 in", "0 in", "0 in"], ["0.5 in", "0 in", "0 in"]]   # left out: the target
     workspace = { low = ["-30 cm", "-80 cm", "5 cm"], high = ["30 cm", "80 cm", "1 m"] }
+    views = "orthogonal"             # or "general": from anywhere in any direction
+    confidence = "99 %"              # with which all requirements hold together; left out: any
 
     [[requirements]]
     kind = "resolution"
@@ -45,21 +47,37 @@ Every length carries its unit, or is refused::
     kind = "visibility"
     distance = "2 mm"
 
+Several targets stand each in a table of its own, in place of ``target`` and ``feature``::
+
+    [[targets]]
+    name = "pocket 1"
+    near = ["0 mm", "0 mm", "0 mm"]                               # or face, or vertices
+    feature = [["-4 mm", "0 mm", "0 mm"], ["4 mm", "0 mm", "0 mm"]]     # left out: the target
+
+    [[targets]]
+    name = "label"
+    face = "label"
+    [[targets.requirements]]         # in place of the requirements of the file
+    kind = "resolution"
+    pixels = 2
+    length = "0.1 mm"
+
 A table ``[placement]``, see `planning.placement_file`, says in which robot cell.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+from lenscal.errors import InputError
 from lenscal.handwritten import Handwritten, load_toml
 from planning.fixed_lens import FixedLens
 from planning.placement_file import PlacementSpec
-from planning.requirement_specs import PointMm, RequirementSpec, requirement
+from planning.requirement_specs import PointMm, RequirementSpec, percent, requirement
 from planning.robot_cell import RobotCell
 from planning.scene import Scene
 from planning.solid import box_workspace
@@ -125,6 +143,24 @@ class TargetSpec(Handwritten):
         )
 
 
+class NamedTargetSpec(TargetSpec):
+    """One of several targets.
+
+    Parameters
+    ----------
+    name
+        What people call it.
+    feature
+        What of it is to be resolved; None for the target.
+    requirements
+        What its image must satisfy; None for the requirements of the file.
+    """
+
+    name: str = Field(min_length=1)
+    feature: list[PointMm] | None = None
+    requirements: list[RequirementSpec] | None = Field(default=None, min_length=1)
+
+
 class WorkspaceSpec(Handwritten):
     """A box along the axes of the part.
 
@@ -152,29 +188,60 @@ class TaskFile(Handwritten):
     lens
         File of the lens map, beside the task file.
     target
-        What is to be seen whole.
+        What is to be seen whole; None where there are several.
+    targets
+        Several targets; None where there is one.
     feature
         Ends of the segment, or corners of the face, that is to be resolved; None for the target.
     workspace
         Where the projection centre may be.
     requirements
-        What the image of the feature must satisfy.
+        What the image of the feature must satisfy; may be left out where every one of several
+        targets has its own.
     placement
         The robot cell that the plan is to be carried out in; None to plan only.
+    views
+        Whether the feature is seen orthogonally, as in the paper, or from anywhere.
+    confidence
+        The probability with which all requirements shall hold together; None to ask for none.
     """
 
     name: str = ""
     part: Path
     unit: str | None = None
     lens: Path
-    target: TargetSpec
+    target: TargetSpec | None = None
+    targets: list[NamedTargetSpec] | None = Field(default=None, min_length=1)
     feature: list[PointMm] | None = None
     workspace: WorkspaceSpec
-    requirements: list[RequirementSpec] = Field(min_length=1)
+    requirements: list[RequirementSpec] | None = Field(default=None, min_length=1)
     placement: PlacementSpec | None = None
+    views: Literal["orthogonal", "general"] = "orthogonal"
+    confidence: Annotated[float, BeforeValidator(percent)] | None = Field(default=None, gt=0, lt=1)
 
-    def build(self, scene: Scene, folder: Path = Path()) -> Task:
-        """Make the task.
+    @model_validator(mode="after")
+    def _one_or_several(self) -> TaskFile:
+        if (self.target is None) == (self.targets is None):
+            raise ValueError("give either one target or several as [[targets]]")
+        several = self.targets or []
+        if several and self.feature is not None:
+            raise ValueError("with several targets the feature stands in the table of its target")
+        bare = [t.name for t in several if t.requirements is None] if several else ["the target"]
+        if self.requirements is None and bare:
+            raise ValueError(
+                f"nothing is required of {bare[0]}; add [[requirements]] to the file"
+                + (", or [[targets.requirements]] to the target" if several else "")
+            )
+        names = [target.name for target in several]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(
+                f"several targets are called {twice[0]!r}; give each a name of its own"
+            )
+        return self
+
+    def build(self, scene: Scene, folder: Path = Path()) -> tuple[Task, ...]:
+        """Make the tasks, one per target.
 
         Parameters
         ----------
@@ -185,18 +252,39 @@ class TaskFile(Handwritten):
 
         Returns
         -------
-        Task
-            The task in mm.
+        tuple of Task
+            The tasks in mm. Those that share requirements share the very same ones.
         """
-        target = self.target.build(scene)
-        feature = None if self.feature is None else Target(np.array(self.feature))
         workspace = box_workspace(self.workspace.low, self.workspace.high)
-        requirements = [requirement(spec, folder) for spec in self.requirements]
-        return Task(target, feature, requirements, workspace, self.name)
+        shared = [requirement(spec, folder) for spec in self.requirements or ()]
+        if self.target is not None:
+            feature = _feature(self.feature)
+            whole = self.target.build(scene)
+            return (
+                Task(whole, feature, shared, workspace, self.name, self.views, self.confidence),
+            )
+        return tuple(
+            Task(
+                target.build(scene),
+                _feature(target.feature),
+                shared
+                if target.requirements is None
+                else [requirement(spec, folder) for spec in target.requirements],
+                workspace,
+                target.name,
+                self.views,
+                self.confidence,
+            )
+            for target in self.targets or ()
+        )
+
+
+def _feature(points: list[PointMm] | None) -> Target | None:
+    return None if points is None else Target(np.array(points))
 
 
 def load_task(path: Path | str) -> tuple[Task, LensMap | FixedLens, Scene]:
-    """Read a task file and the part and lens map that it names.
+    """Read a task file of one target and the part and lens map that it names.
 
     Parameters
     ----------
@@ -216,6 +304,39 @@ def load_task(path: Path | str) -> tuple[Task, LensMap | FixedLens, Scene]:
     ------
     FileError
         When the file is missing or no TOML.
+    InputError
+        When it says something that is not understood, or has several targets.
+    """
+    tasks, lens, scene = load_tasks(path)
+    if len(tasks) > 1:
+        raise InputError(
+            f"{path} has {len(tasks)} targets where one is wanted; read it with load_tasks and "
+            "plan it with plan_all"
+        )
+    return tasks[0], lens, scene
+
+
+def load_tasks(path: Path | str) -> tuple[tuple[Task, ...], LensMap | FixedLens, Scene]:
+    """Read a task file of one or several targets and the part and lens map that it names.
+
+    Parameters
+    ----------
+    path
+        The TOML file. Names of files in it are relative to its folder.
+
+    Returns
+    -------
+    tasks : tuple of Task
+        One per target.
+    lens : LensMap
+        The lens map.
+    scene : Scene
+        The part.
+
+    Raises
+    ------
+    FileError
+        When a file is missing or cannot be used.
     InputError
         When it says something that is not understood.
     """

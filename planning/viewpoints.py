@@ -22,8 +22,10 @@ from planning.visibility.region import Region
 
 #: Directions that are tried around the ring.
 _DIRECTIONS: Final = 1440
-#: Halvings of a step between a direction inside and one outside.
-_BISECTIONS: Final = 40
+#: How often a step between a direction inside and one outside is parted, and into how many pieces:
+#: as good as 40 halvings, and quicker, since points are asked together.
+_PARTINGS: Final = 8
+_PIECES: Final = 32
 #: Directions along an arc among which the deepest one is sought.
 _ALONG_ARC: Final = 65
 
@@ -183,8 +185,9 @@ def visible_arcs(region: Region, ring: Ring, distance_mm: float) -> list[Arc]:
     step = 2 * np.pi / _DIRECTIONS
     enters = np.flatnonzero(inside & ~np.roll(inside, 1))
     leaves = np.flatnonzero(inside & ~np.roll(inside, -1))
-    start = _edge(region, ring, distance_mm, angles[enters], angles[enters] - step)
-    stop = _edge(region, ring, distance_mm, angles[leaves], angles[leaves] + step)
+    inner = angles[np.concatenate([enters, leaves])]
+    outer = inner + np.repeat([-step, step], [len(enters), len(leaves)])
+    start, stop = np.split(_edge(region, ring, distance_mm, inner, outer), [len(enters)])
     # Each arc ends at the first end after its start, which may lie beyond the seam at ±π.
     ends = [min(np.where(stop > a, stop, stop + 2 * np.pi)) for a in start]
     return [
@@ -206,11 +209,14 @@ def _facing(along: FloatArray, target: Target) -> FloatArray:
 def _edge(
     region: Region, ring: Ring, distance_mm: float, inner: FloatArray, outer: FloatArray
 ) -> FloatArray:
-    inner, outer = inner.copy(), outer.copy()
-    for _ in range(_BISECTIONS):
-        middle = (inner + outer) / 2
-        inside: BoolArray = region.contains(ring.positions(distance_mm, middle))
-        inner, outer = np.where(inside, middle, inner), np.where(inside, outer, middle)
+    shares = np.linspace(0.0, 1.0, _PIECES + 1)
+    edges = np.arange(len(inner))
+    for _ in range(_PARTINGS):
+        angles = inner[:, None] + shares * (outer - inner)[:, None]
+        inside: BoolArray = region.contains(ring.positions(distance_mm, angles[:, 1:-1]))
+        # The piece that starts inside and whose end is the first outside.
+        piece = np.where(inside.all(axis=1), _PIECES - 1, inside.argmin(axis=1))
+        inner, outer = angles[edges, piece], angles[edges, piece + 1]
     return inner
 
 

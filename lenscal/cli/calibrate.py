@@ -92,6 +92,13 @@ _COLUMNS: Final = tuple(
     "estimated from the session if not given.",
 )
 @click.option(
+    "--mount",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Session: write how the camera sits on the hand, for `hand_eye` of a task's [placement]: "
+    "as the rig stated it, or else as measured by the views of the reference setting.",
+)
+@click.option(
     "--workers",
     type=click.IntRange(min=1),
     help="Processes to share a session; if not given, one per core from "
@@ -108,6 +115,7 @@ def calibrate(
     no_robot: bool,
     free_scale_factor: bool,
     robot_repeatability: str | None,
+    mount: Path | None,
     workers: int | None,
     as_json: bool,
 ) -> None:
@@ -118,6 +126,7 @@ def calibrate(
       lenscal calibrate run1 -o run1/table.csv
       lenscal calibrate run1 --plots run1/figures
       lenscal calibrate run1 --robot-repeatability 0.02mm,0.1mrad
+      lenscal calibrate run1 --mount mount.json
       lenscal calibrate --images 'DIR/left*.jpg' --target chessboard:9x6:25mm --pitch-um 10
       lenscal calibrate --images 'DIR/left*.jpg' --target chessboard:9x6:25mm --plots figures
     """
@@ -142,13 +151,14 @@ def calibrate(
             workers=workers,
             free_scale_factor=free_scale_factor,
             use_robot=not no_robot,
+            mount=mount,
             repeatability=_repeatability(robot_repeatability),
         )
         return
-    if no_robot or free_scale_factor or robot_repeatability is not None:
+    if no_robot or free_scale_factor or robot_repeatability is not None or mount is not None:
         raise InputError(
-            "--no-robot, --free-scale-factor and --robot-repeatability are for a session; leave "
-            "them for photographs"
+            "--no-robot, --free-scale-factor, --robot-repeatability and --mount are for a session; "
+            "leave them for photographs"
         )
     if target_spec is None:
         raise InputError(
@@ -199,6 +209,7 @@ def _calibrate_session(
     workers: int | None,
     free_scale_factor: bool,
     use_robot: bool,
+    mount: Path | None,
     repeatability: Repeatability | None,
 ) -> None:
     from lenscal.calibration.sweep import SweepOptions, calibrate_recording
@@ -223,6 +234,7 @@ def _calibrate_session(
             repeatability=repeatability,
         )
     table.save(out)
+    mounted = None if mount is None else _write_mount(recording, mount, repeatability)
     figures: list[Path] = []
     if plots is not None:
         from lenscal.plots.calibration_table import save_session_figures
@@ -233,6 +245,7 @@ def _calibrate_session(
         _print_json(
             {
                 **_figures_entry(figures),
+                **({} if mount is None else {"mount": str(mount)}),
                 "table": str(out),
                 "settings": len(table),
                 "failures": [
@@ -258,7 +271,28 @@ def _calibrate_session(
     click.echo(f"{len(table)} of {len(recording.settings)} settings calibrated: {out}")
     for failure in table.failures:
         click.echo(f"  left out: zoom {failure.zoom:g}, focus {failure.focus:g}: {failure.reason}")
+    if mounted is not None:
+        click.echo(mounted)
     _print_figures(figures)
+
+
+def _write_mount(recording: Recording, path: Path, repeatability: Repeatability | None) -> str:
+    """Write how the camera sits on the hand, and say where that is known from."""
+    import numpy as np
+
+    from lenscal.calibration.mount import measured_mount, stated_mount
+
+    found = stated_mount(recording)
+    origin = "as the rig stated it"
+    if found is None:
+        found = measured_mount(recording, repeatability)
+        origin = "measured at the reference setting"
+    found.save(path)
+    sigma = np.sqrt(np.diag(found.covariance))
+    return (
+        f"camera on the hand at {found.reference_setting}, {origin}: {path} "
+        f"(σ up to {sigma[3:].max():.3f} mm and {1e3 * sigma[:3].max():.3f} mrad)"
+    )
 
 
 def _refuse_without_poses(recording: Recording) -> None:

@@ -7,20 +7,16 @@ from typing import Final
 
 import numpy as np
 from manifold3d import Manifold
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from lenscal.arrays import BoolArray, FloatArray, IntArray
 from planning.boolean import from_manifold
-from planning.polygons import area_vectors, clip_polygons, merge_convex
+from planning.polygons import area_vectors, clip_polygons
 from planning.scene import Scene
-from planning.solid import Solid
+from planning.surface_parts import SurfacePart
 from planning.target import Target
 from planning.visibility.convex import ConvexPieces
 from planning.visibility.frame import TargetFrame
 
-#: A body whose hull is larger by less than this share of its volume is convex.
-_CONVEX: Final = 1e-12
 #: Of polygons thinner than this share of their length the side they turn to the target is unsure.
 _THIN: Final = 1e-6
 
@@ -55,11 +51,11 @@ def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> Convex
         vertices = frame.to_local(body.vertices_mm)
         if not target.is_segment:
             vertices[np.abs(vertices[:, 2]) <= frame.tolerance, 2] = 0.0
-        for faces in connected_faces(body) if closed else [body.faces]:
-            if closed and is_convex_body(vertices, faces):
-                solids += _solid_piece(vertices, faces, target.is_segment)
+        for part in body.parts:
+            if part.is_convex:
+                solids += _solid_piece(vertices, part.faces, target.is_segment)
                 continue
-            for batch in _polygons(vertices, faces):
+            for batch in _polygons(vertices, part):
                 if not target.is_segment:
                     batch = _in_front(batch)
                     if closed:
@@ -68,13 +64,10 @@ def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> Convex
     return ConvexPieces.gathered(polygons, solids)
 
 
-def _polygons(vertices: FloatArray, faces: IntArray) -> list[FloatArray]:
+def _polygons(vertices: FloatArray, part: SurfacePart) -> list[FloatArray]:
     """(N, K, 3) arrays of the convex polygons of a surface, one for each number of corners."""
-    loops = merge_convex(vertices, faces)
-    sizes = np.array([len(loop) for loop in loops])
     batches = []
-    for size in np.unique(sizes):
-        of_size = np.array([loops[i] for i in np.flatnonzero(sizes == size)])
+    for of_size in part.polygons:
         corners = vertices[of_size]
         # A triangle without any area hides nothing that its neighbours do not hide.
         batches.append(corners[np.linalg.norm(area_vectors(corners), axis=-1) > 0])
@@ -133,51 +126,6 @@ def inflated(pieces: ConvexPieces, margin: float, is_segment: bool) -> ConvexPie
         points = (pieces.corners_of(index)[:, None] + cube).reshape(-1, 3)
         solids += _solid_piece(*from_manifold(Manifold.hull_points(points)), is_segment)
     return ConvexPieces.gathered([], solids)
-
-
-def connected_faces(body: Solid) -> list[IntArray]:
-    """Part the faces of a body that hang together by their vertices.
-
-    Parameters
-    ----------
-    body
-        The body.
-
-    Returns
-    -------
-    list of IntArray
-        (F, 3) indices of each component.
-    """
-    ends = body.faces[:, [0, 1, 2, 0]]
-    start, stop = ends[:, :3].ravel(), ends[:, 1:].ravel()
-    count = len(body.vertices_mm)
-    graph = coo_array((np.ones(len(start)), (start, stop)), shape=(count, count))
-    number, label = connected_components(graph, directed=False)
-    of_face = label[body.faces[:, 0]]
-    order = np.argsort(of_face, kind="stable")
-    ends_at = np.searchsorted(of_face[order], np.arange(1, number))
-    return [faces for faces in np.split(body.faces[order], ends_at) if len(faces)]
-
-
-def is_convex_body(vertices: FloatArray, faces: IntArray) -> bool:
-    """Tell whether a closed surface bounds a convex body.
-
-    Parameters
-    ----------
-    vertices
-        (V, 3) points.
-    faces
-        (F, 3) indices.
-
-    Returns
-    -------
-    bool
-        False also for a cavity, whose faces point inwards.
-    """
-    volume = Solid(vertices, faces).volume_mm3
-    used = np.ascontiguousarray(vertices[np.unique(faces)])
-    # A hull of less volume has lost corners: that of a thin plate does.
-    return volume > 0 and abs(Manifold.hull_points(used).volume() - volume) <= _CONVEX * volume
 
 
 def _solid_piece(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -11,9 +12,11 @@ import pytest
 import trimesh
 from click.testing import CliRunner
 
+from lenscal.calibration.table import CalibrationTable
 from lenscal.document import read_document
 from lenscal.errors import FileError, GeometryError, InputError, PlanningError, UnitError
 from lenscal.maps.fit import fit_lens_map
+from lenscal.maps.lens_map import LensMap
 from planning import cli
 from planning.enclosure import example_part
 from planning.task_file import load_task
@@ -160,13 +163,97 @@ def test_plan_writes_the_viewpoints(folder) -> None:
     assert body["task"]["target_mm"]
 
 
+SEVERAL = (
+    TASK.replace('target = { near = ["0 mm", "0 mm", "0 mm"] }', "")
+    .replace('feature = [["-0.5 in", "0 in", "0 in"], ["0.5 in", "0 in", "0 in"]]', "")
+    .replace('"1 in"', '"9 mm"')
+)
+for _x in (-6, 6):
+    SEVERAL += f"""
+[[targets]]
+name = "at {_x}"
+vertices = [["{_x - 4} mm", "-3 mm", "0 mm"], ["{_x + 4} mm", "-3 mm", "0 mm"],
+            ["{_x + 4} mm", "3 mm", "0 mm"], ["{_x - 4} mm", "3 mm", "0 mm"]]
+feature = [["{_x - 4} mm", "0 mm", "0 mm"], ["{_x + 4} mm", "0 mm", "0 mm"]]
+"""
+SHUT = """
+[[targets]]
+name = "floor"
+vertices = [["-9 mm", "30 mm", "-20 mm"], ["9 mm", "30 mm", "-20 mm"], ["0 mm", "40 mm", "-20 mm"]]
+feature = [["-9 mm", "35 mm", "-20 mm"], ["9 mm", "35 mm", "-20 mm"]]
+[[targets.requirements]]
+kind = "resolution"
+pixels = 90
+length = "0.01 in"
+"""
+
+
+def test_plan_covers_several_targets(folder) -> None:
+    (folder / "several.toml").write_text(SEVERAL + SHUT, encoding="utf-8")
+    done = run(cli.plan, folder / "several.toml", "-o", folder / "covering.json")
+    assert done.exit_code == 0
+    assert "at -6, at 6" in done.output
+    assert "2 of 3 targets by 1 viewpoint of" in done.output
+    assert "tried, the fewest that do\ntravel 0 mm, the shortest; planned in" in done.output
+    assert "not covered: floor: no setting of this lens" in done.output
+    body = read_document(folder / "covering.json", "covering-plan", 1)
+    assert body["viewpoints"][0]["targets"] == "at -6, at 6"
+    with pytest.raises(InputError, match="several.toml has 3 targets where one is wanted; read"):
+        load_task(folder / "several.toml")
+
+
+def test_plan_of_several_targets_without_a_viewpoint_is_an_error(folder) -> None:
+    text = SEVERAL.replace("pixels = 3", "pixels = 90").replace('"9 mm"', '"0.1 mm"')
+    (folder / "none.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(PlanningError, match="no viewpoint: none of the 2 targets can be seen as"):
+        run(cli.plan, folder / "none.toml", "-o", folder / "none.json")
+
+
+def test_plan_shows_every_margin_that_was_asked_for(folder, tmp_path, request) -> None:
+    data = request.config.rootpath / "data"
+    more = """
+[[requirements]]
+kind = "depth_of_field"
+depth = "1 mm"
+blur = "2.5 px"
+[[requirements]]
+kind = "incidence"
+max_angle = "80 deg"
+"""
+    text = (TASK + more).replace("map.json", str(data / "vicon-1990" / "map.json"))
+    (folder / "sharp.toml").write_text(text, encoding="utf-8")
+    done = run(cli.plan, folder / "sharp.toml", "-o", tmp_path / "plan.json")
+    for words in ("iris", "Margins, as shares of what is asked", "depth", "angle", "resol."):
+        assert words in done.output
+    assert max(len(line) for line in done.output.splitlines()[:-1]) <= 80
+
+
+def test_what_cannot_be_planned_is_refused_at_once(folder, tmp_path, request) -> None:
+    data = request.config.rootpath / "data"
+    placement = "[placement]" + (data / "task.toml").read_text().partition("[placement]")[2]
+    placement = placement.replace("vicon-1990/session", str(data / "vicon-1990" / "session"))
+    session = CalibrationTable.load(data / "vicon-1990" / "table.csv").identity
+    lens = LensMap.load(folder / "map.json")
+    replace(lens, identity={**session, "rig": "another"}).save(folder / "other.json")
+    for name, table, message in (
+        ("map.json", placement, "counted from|does not state; state with approach|holds for"),
+        ("other.json", placement, "of another rig than the lens map: its rig is 'simulated v"),
+        ("map.json", '[[requirements]]\nkind = "unvignetted"', "to judge unvignetted planning"),
+    ):
+        path = folder / "early.toml"
+        path.write_text((TASK + table).replace("map.json", name), encoding="utf-8")
+        with pytest.raises(PlanningError, match=message):
+            run(cli.plan, path, "-o", tmp_path / "none.json")
+    assert not (tmp_path / "none.json").exists()
+
+
 def test_plan_without_a_viewpoint_is_an_error(folder) -> None:
     path = folder / "dark.toml"
     path.write_text(
         TASK.replace('high = ["30 cm", "80 cm", "1 m"]', 'high = ["30 cm", "80 cm", "9 cm"]')
     )
     with pytest.raises(
-        PlanningError, match="no viewpoint: visibility: at D from .* is in .*dark.json"
+        PlanningError, match="no viewpoint: workspace: no view in it .* is in .*dark.json"
     ):
         run(cli.plan, path, "-o", folder / "dark.json")
 

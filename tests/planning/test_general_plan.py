@@ -79,9 +79,15 @@ def test_every_view_satisfies_everything(found, part) -> None:
         ),
         table["smallest_margin"],
     )
-    for index, pose in enumerate(found.poses):
-        camera = found.camera(index)
-        assert verify_viewpoint(camera, pose, part.target, part.feature, ALL, part.scene).satisfied
+    states = found.views.states
+    for k, pose in enumerate(found.poses):
+        seen = verify_viewpoint(
+            found.camera(k), pose, part.target, part.feature, ALL, part.scene,
+            object_distance_mm=float(states.object_distance_mm[k]),
+            entrance_pupil_diameter_mm=float(states.entrance_pupil_diameter_mm[k]),
+            projection_centre_mm=states.projection_centre_mm[k], workspace=part.workspace,
+        )  # fmt: skip
+        assert seen.failed == ()
 
 
 def test_the_sharp_plane_lies_in_the_feature_where_nothing_else_is_asked(

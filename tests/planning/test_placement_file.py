@@ -10,7 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from lenscal.camera_mount import CameraMount
-from lenscal.errors import FileError, InputError, PlanningError
+from lenscal.cli.calibrate import calibrate
+from lenscal.errors import CalibrationError, FileError, InputError, PlanningError
 from lenscal.pose import Pose
 from lenscal.recording import Recording
 from lenscal.sequence import Sequence
@@ -111,13 +112,48 @@ def test_a_hand_eye_file_takes_the_place_of_a_session(folder) -> None:
     assert not (folder / "sequence.json").exists()
 
 
+def test_the_hand_eye_that_calibrate_writes_places_the_camera(folder, tmp_path) -> None:
+    """One setting of the session will do: its rig stated the mounting."""
+    session = Recording.load(folder / "vicon-1990" / "session")
+    Recording(session.head, session.settings[:1]).save(tmp_path / "short")
+    arguments = [str(tmp_path / "short"), "--mount", str(folder / "mount.json")]
+    done = CliRunner().invoke(calibrate, arguments, catch_exceptions=False)
+    assert (
+        f"camera on the hand at zoom 72.5325, focus 100, iris 100, as the rig stated it: "
+        f"{folder / 'mount.json'} (σ up to 0.050 mm and 0.200 mrad)"
+    ) in done.output
+    stated = Sequence.load(_placed(folder, "vicon-1990/session"))
+    sequence = Sequence.load(_placed(folder, "mount.json"))
+    assert len(sequence) == len(stated) > 6
+    for one, other in zip(stated.stations, sequence.stations, strict=True):
+        np.testing.assert_array_equal(one.base_from_hand.matrix, other.base_from_hand.matrix)
+    blind = replace(session.head, hand_eye_sigma_mm=None)
+    Recording(blind, session.settings[:1]).save(tmp_path / "blind")
+    with pytest.raises(CalibrationError, match="blind never was at the reference setting, zoom 72"):
+        CliRunner().invoke(
+            calibrate, [str(tmp_path / "blind"), *arguments[1:]], catch_exceptions=False
+        )
+
+
+def _placed(folder, hand_eye):
+    text = (folder / "task.toml").read_text()
+    line = next(line for line in text.splitlines() if line.startswith("hand_eye"))
+    (folder / "task.toml").write_text(text.replace(line, f'hand_eye = "{hand_eye}"'))
+    assert run(folder).exit_code == 0
+    return folder / "sequence.json"
+
+
 def test_a_session_that_does_not_know_its_mounting(data) -> None:
     recording = Recording.load(data / "vicon-1990" / "session")
     blind = replace(recording, head=replace(recording.head, hand_from_camera=None))
-    with pytest.raises(PlanningError, match="does not say how the camera sits on the hand; name"):
+    with pytest.raises(
+        PlanningError, match="does not say how the camera sits on the hand, and how"
+    ):
         mount_of_session(blind)
     vague = replace(recording, head=replace(recording.head, hand_eye_sigma_mm=None))
-    with pytest.raises(PlanningError, match="does not say how well it knows how the camera sits"):
+    with pytest.raises(
+        PlanningError, match="such as `lenscal calibrate SESSION --mount mount.json`"
+    ):
         mount_of_session(vague)
 
 

@@ -136,7 +136,7 @@ def test_all_requirements_are_planned_with_together(part, paper_sensor, lens) ->
     blurred = replace(task, requirements=[*PAPER, DepthOfField(60.0, 0.5)])
     why = plan(blurred, lens_map, part.scene, audit_points=200, settings_tried=3).why_empty
     assert why.startswith("depth_of_field: no view satisfies everything; the depth of field")
-    with pytest.raises(PlanningError, match="need the entrance-pupil diameter"):
+    with pytest.raises(PlanningError, match="judge depth_of_field planning needs the entrance-p"):
         plan(blurred, lens, part.scene, audit_points=200, settings_tried=3)
     fixed = FixedLens(127, paper_sensor, 4.0)
     focused = replace(task, requirements=[*PAPER, DepthOfField(1.0, 2.5)])

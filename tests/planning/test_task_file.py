@@ -28,7 +28,12 @@ workspace = { low = ["-30 cm", "-80 cm", "33 mm"], high = ["30 cm", "80 cm", "1 
 def read(tmp_path, requirements: str):
     path = tmp_path / "task.toml"
     path.write_text(HEAD + requirements, encoding="utf-8")
-    return load_toml(path, TaskFile, "task").build(example_part().scene, tmp_path)
+    (task,) = read_all(path)
+    return task
+
+
+def read_all(path):
+    return load_toml(path, TaskFile, "task").build(example_part().scene, path.parent)
 
 
 def test_every_kind_of_requirement_is_read(tmp_path) -> None:
@@ -104,3 +109,78 @@ kind = "visibility"
 def test_without_unit_or_sense_it_is_refused(tmp_path, requirement, message) -> None:
     with pytest.raises(InputError, match=message):
         read(tmp_path, f"[[requirements]]\n{requirement}\n")
+
+
+SEVERAL = HEAD.replace('target = { near = ["0 mm", "0 mm", "0 mm"] }\n', "")
+SHARED = """
+[[requirements]]
+kind = "incidence"
+max_angle = "40 deg"
+"""
+TOP = """
+[[targets]]
+name = "top"
+near = ["0 mm", "0 mm", "0 mm"]
+feature = [["-4 mm", "0 mm", "0 mm"], ["4 mm", "0 mm", "0 mm"]]
+"""
+CORNER = """
+[[targets]]
+name = "corner"
+vertices = [["0 mm", "0 mm", "0 mm"], ["1 mm", "0 mm", "0 mm"], ["0 mm", "1 mm", "0 mm"]]
+[[targets.requirements]]
+kind = "unvignetted"
+"""
+
+
+def several(tmp_path, *parts: str):
+    path = tmp_path / "task.toml"
+    path.write_text("".join(parts), encoding="utf-8")
+    return path
+
+
+def test_several_targets_share_what_the_file_asks_unless_they_ask_themselves(tmp_path) -> None:
+    top, corner = read_all(several(tmp_path, SEVERAL, SHARED, TOP, CORNER))
+    assert (top.name, corner.name) == ("top", "corner")
+    assert top.requirements == (Incidence(40),)
+    assert corner.requirements == (Unvignetted(),)
+    assert top.seen_feature.is_segment
+    assert corner.seen_feature is corner.target
+    assert corner.target.area_mm2 == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ((HEAD, SHARED, TOP), "give either one target or several as"),
+        ((SEVERAL, SHARED), "give either one target or several as"),
+        ((HEAD,), r"nothing is required of the target; add \[\[requirements\]\] to the file$"),
+        ((SEVERAL, TOP, CORNER), r"nothing is required of top; add .*, or \[\[targets.requirem"),
+        ((SEVERAL, SHARED, TOP, TOP), "several targets are called 'top'; give each a name of its"),
+        (
+            (SEVERAL, 'feature = [["0 mm", "0 mm", "0 mm"], ["1 mm", "0 mm", "0 mm"]]', TOP),
+            "with several targets the feature stands in the table of its target",
+        ),
+        ((SEVERAL, SHARED, TOP.replace('name = "top"', "")), "targets.0.name: Field required"),
+        ((SEVERAL, SHARED, TOP.replace("near", "far")), "targets.0.far: Extra inputs are not"),
+    ],
+)
+def test_several_targets_that_make_no_sense(tmp_path, parts, message) -> None:
+    with pytest.raises(InputError, match=message):
+        read_all(several(tmp_path, *parts))
+
+
+def test_views_and_confidence(tmp_path) -> None:
+    task = read(tmp_path, 'views = "general"\nconfidence = "99 %"\n' + SHARED)
+    assert (task.views, task.confidence) == ("general", pytest.approx(0.99))
+    plain = read(tmp_path, SHARED)
+    assert (plain.views, plain.confidence) == ("orthogonal", None)
+    text = 'views = "general"\nconfidence = "90 %"\n'
+    tasks = read_all(several(tmp_path, SEVERAL, text, SHARED, TOP, CORNER))
+    assert {(t.views, t.confidence) for t in tasks} == {("general", 0.9)}
+    for wrong, message in (
+        ("confidence = 0.99", "confidence: 0.99 needs its unit, %, such as '1.5 %'"),
+        ('confidence = "100 %"', "confidence: Input should be less than 1"),
+        ('views = "oblique"', "views: Input should be 'orthogonal' or 'general'"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read(tmp_path, f"{wrong}\n{SHARED}")

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from lenscal.calibration.table import CalibrationTable
 from lenscal.camera import Camera
+from lenscal.camera_mount import CameraMount
 from lenscal.cli.calibrate import calibrate
 from lenscal.document import read_document
 from lenscal.errors import CalibrationError, DetectionError, FileError, InputError, UnitError
@@ -330,3 +331,38 @@ def test_images_without_the_target_or_of_different_sizes(tmp_path):
 
 def test_help_has_an_example():
     assert "lenscal calibrate --images 'DIR/left*.jpg'" in _run("--help").stdout
+
+
+def test_a_session_gives_the_mounting_that_it_measured(robot_session, tmp_path):
+    """The rig does not say how well it knows the mounting, so the views of the reference do."""
+    result = _run(robot_session, "--mount", tmp_path / "mount.json")
+    assert "camera on the hand at zoom 10, focus 1, measured at the reference" in result.stdout
+    mount = CameraMount.load(tmp_path / "mount.json")
+    assert not mount.anchors_offsets
+    assert mount.reference_setting == LensSetting(10.0, 1.0)
+    difference = mount.hand_from_camera.inverse() @ MOUNTING[0]
+    sigma = np.sqrt(np.diag(mount.covariance))
+    assert np.linalg.norm(difference.rotation_vector) < 4 * np.linalg.norm(sigma[:3])
+    assert np.linalg.norm(difference.translation_mm) < 4 * np.linalg.norm(sigma[3:])
+    assert np.linalg.norm(sigma[3:]) < 10
+    answer = json.loads(_run(robot_session, "--mount", tmp_path / "m.json", "--json").stdout)
+    assert answer["mount"] == str(tmp_path / "m.json")
+
+
+def test_a_session_that_cannot_tell_the_mounting(session, robot_session, tmp_path):
+    mount = tmp_path / "mount.json"
+    with pytest.raises(CalibrationError, match="does not say for which setting hand-eye is to be"):
+        _run(session, "--mount", mount)
+    recording = Recording.load(session)
+    head = replace(recording.head, reference_setting=LensSetting(10.0, 1.0))
+    Recording(head, recording.settings).save(tmp_path / "still")
+    with pytest.raises(CalibrationError, match="holds no poses of a robot at zoom 10, focus 1; h"):
+        _run(tmp_path / "still", "--mount", mount)
+    recording = Recording.load(robot_session)
+    head = replace(recording.head, reference_setting=LensSetting(11.0, 1.0))
+    Recording(head, recording.settings).save(tmp_path / "elsewhere")
+    with pytest.raises(CalibrationError, match="never was at the reference setting, zoom 11, f"):
+        _run(tmp_path / "elsewhere", "--mount", mount)
+    assert not mount.exists()
+    with pytest.raises(InputError, match="--mount are for a session"):
+        _run("--images", "x*.jpg", "--mount", mount)

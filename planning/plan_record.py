@@ -15,9 +15,9 @@ from lenscal.document import write_document
 from lenscal.pose import Pose
 from planning.blame import Relaxation
 from planning.fixed_lens import FixedLens
-from planning.lens_states import LensStates
 from planning.scene import Scene
 from planning.settings import AdmissibleSettings
+from planning.stated_views import poses_of, states_of
 from planning.task import Task
 from planning.viewpoints import Ring
 from planning.views import Subject, Views
@@ -83,12 +83,15 @@ class Plan:
     @property
     def poses(self) -> tuple[Pose, ...]:
         """part_from_camera of each viewpoint, in the order of the table."""
-        turns = self.viewpoints[["rotation_x", "rotation_y", "rotation_z"]].to_numpy()
-        places = self.viewpoints[["x_mm", "y_mm", "z_mm"]].to_numpy()
-        return tuple(
-            Pose.from_rotation_vector(turn, place)
-            for turn, place in zip(turns, places, strict=True)
-        )
+        return poses_of(self.viewpoints)
+
+    @property
+    def made_from(self) -> dict[str, str]:
+        """Digests of what the plan was made from."""
+        found = {"task": self.task.digest, "scene": self.scene.digest}
+        if isinstance(self.lens, FixedLens):
+            return found
+        return found | {"lens_map": self.lens.digest}
 
     def camera(self, index: int) -> Camera:
         """Give the camera of a viewpoint as the lens map knows it.
@@ -112,20 +115,7 @@ class Plan:
         places = table[["x_mm", "y_mm", "z_mm"]].to_numpy()
         turns = np.array([pose.rotation for pose in self.poses]).reshape(-1, 3, 3)
         subject = Subject(self.task.target, self.task.seen_feature, self.scene, self.region)
-        return Views(places[None], turns[None], self._states, subject)
-
-    @property
-    def _states(self) -> LensStates:
-        table = self.viewpoints
-        if isinstance(self.lens, FixedLens):
-            return LensStates.of_fixed(self.lens, table["object_distance_mm"].to_numpy())
-        iris = table["iris"].to_numpy()
-        return LensStates.of_map(
-            self.lens,
-            table["zoom"].to_numpy(),
-            table["focus"].to_numpy(),
-            None if np.isnan(iris).any() else iris,
-        )
+        return Views(places[None], turns[None], states_of(self.lens, table), subject)
 
     def save(self, path: Path | str) -> Path:
         """Write the plan with its evidence.
