@@ -9,13 +9,14 @@ better may exist.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from lenscal.arrays import FloatArray
 from planning.requirements.margin import Requirement
+from planning.solid import Solid
 from planning.view_search import FoundViews, improved
 from planning.view_space import Starts
 
@@ -45,6 +46,9 @@ class Relaxation:
         What is asked, in words.
     place_mm
         Projection centre of the view at which it lacks so little.
+    is_asked
+        Whether the task states it; that the feature is in the image and visible is wanted of any
+        view.
     """
 
     index: int
@@ -54,6 +58,7 @@ class Relaxation:
     lacking_share: float
     words: str
     place_mm: tuple[float, float, float]
+    is_asked: bool = True
 
     def __str__(self) -> str:
         lacking, unit = self.lacking, "" if self.unit == "d/D" else f" {self.unit}"
@@ -84,6 +89,7 @@ def relaxations(
     requirements: Sequence[Requirement],
     found: FoundViews[Starts],
     kept: FloatArray,
+    asked: int,
 ) -> tuple[Relaxation, ...]:
     """Find the single requirements whose giving way would make a task feasible.
 
@@ -95,11 +101,14 @@ def relaxations(
         Views at which the smallest margin is as large as can be, none of them positive throughout.
     kept
         (R,) the share of each limit that is kept besides.
+    asked
+        How many of the requirements, the first ones, the task states.
 
     Returns
     -------
     tuple of Relaxation
-        The one that lacks the smallest share first; empty when no single one would do.
+        First those that the task states, the one that lacks the smallest share in front; empty when
+        no single one would do.
     """
     order = np.argsort(-(found.shares - kept).min(axis=1), kind="stable")[:_STARTS]
     starts = found.some(order)
@@ -108,7 +117,78 @@ def relaxations(
         for index in range(len(requirements))
         if (relaxation := _of_one(requirements, index, starts, kept)) is not None
     ]
-    return tuple(sorted(single, key=lambda r: r.lacking_share))
+    stated = [replace(relaxation, is_asked=relaxation.index < asked) for relaxation in single]
+    return tuple(sorted(stated, key=lambda r: (not r.is_asked, r.lacking_share)))
+
+
+def why_none(
+    blamed: Sequence[Relaxation],
+    requirements: Sequence[Requirement],
+    found: FoundViews[Any],
+    kept: FloatArray,
+    workspace: Solid,
+) -> str:
+    """Say why there is no view.
+
+    Parameters
+    ----------
+    blamed
+        What `relaxations` gave.
+    requirements
+        R of them.
+    found
+        The views that come nearest.
+    kept
+        (R,) the share of each limit that is kept besides.
+    workspace
+        Where the projection centre may be.
+
+    Returns
+    -------
+    str
+        A sentence that begins with the name of what is to blame.
+    """
+    if blamed:
+        named = [_in_words(relaxation, workspace) for relaxation in blamed]
+        # What would have to give all that is asked is no alternative.
+        more = "".join(
+            f"; or {words}"
+            for relaxation, (_, words) in zip(blamed[1:], named[1:], strict=True)
+            if relaxation.lacking_share < 1
+        )
+        return f"{named[0][0]}: no view satisfies everything; {named[0][1]}{more}"
+    spare = found.shares - kept
+    best = spare[int(np.argmax(spare.min(axis=1)))]
+    short = ", ".join(
+        f"{r.name} lacks {-share:.1%}"
+        for r, share in zip(requirements, best, strict=True)
+        if share < 0
+    )
+    return (
+        "several requirements together: no single one could give way and make the task possible; "
+        f"in the view that comes nearest {short}"
+    )
+
+
+def _in_words(relaxation: Relaxation, workspace: Solid) -> tuple[str, str]:
+    """What is to blame, and what would have to change."""
+    if relaxation.name != "visibility":
+        return relaxation.name, str(relaxation)
+    place = np.array(relaxation.place_mm)
+    where = ", ".join(f"{x:.1f}" for x in place)
+    if not workspace.contains(place):
+        beyond = float(workspace.distance_to_surface_mm(place))
+        return (
+            "workspace",
+            f"the workspace would have to reach {beyond:.3g} mm farther, to ({where}) mm",
+        )
+    if relaxation.is_asked:
+        return relaxation.name, str(relaxation)
+    return (
+        "visibility",
+        f"the part would have to be open {relaxation.lacking:.3g} mm farther, for a view from "
+        f"({where}) mm",
+    )
 
 
 def _of_one(

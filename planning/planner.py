@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from lenscal.arrays import FloatArray
-from planning.blame import Relaxation, relaxations
+from planning.blame import relaxations, why_none
 from planning.fixed_lens import FixedLens
 from planning.general import general_views
 from planning.judgement import judge
@@ -148,8 +148,8 @@ def plan(
             table = _rows(task, found, judged, kept)
     made = replace(empty, region=region, viewpoints=table)
     if not len(table):
-        blamed = relaxations(judged, found, kept)
-        why = _why_none(task, blamed, judged, found, kept)
+        blamed = relaxations(judged, found, kept, len(task.requirements))
+        why = why_none(blamed, judged, found, kept, task.workspace)
         return replace(made, relaxations=blamed, why_empty=why)
     return made if errors is None else _with_confidence(made, judged, errors, seed)
 
@@ -215,34 +215,3 @@ def _with_confidence(
             "better, or ask for less"
         )
     return replace(made, viewpoints=sure, why_empty=why)
-
-
-def _why_none(
-    task: Task,
-    blamed: Sequence[Relaxation],
-    judged: Sequence[Requirement],
-    found: FoundViews[Any],
-    kept: FloatArray,
-) -> str:
-    if blamed:
-        first, *others = blamed
-        # What would have to give all that is asked is no alternative.
-        more = "".join(f"; or {other}" for other in others if other.lacking_share < 1)
-        place = np.array(first.place_mm)
-        if first.name == "visibility" and not task.workspace.contains(place):
-            beyond = float(task.workspace.distance_to_surface_mm(place))
-            where = ", ".join(f"{x:.1f}" for x in place)
-            return (
-                f"workspace: no view in it satisfies everything; it would have to reach "
-                f"{beyond:.3g} mm farther, to ({where}) mm{more}; enlarge it or choose another lens"
-            )
-        return f"{first.name}: no view satisfies everything; {first}{more}"
-    spare = found.shares - kept
-    best = spare[int(np.argmax(spare.min(axis=1)))]
-    short = ", ".join(
-        f"{r.name} lacks {-share:.1%}" for r, share in zip(judged, best, strict=True) if share < 0
-    )
-    return (
-        "several requirements together: no single one could give way and make the task possible; "
-        f"in the view that comes nearest {short}"
-    )

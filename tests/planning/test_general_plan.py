@@ -160,7 +160,7 @@ def test_incidence_is_blamed_in_degrees(bench, lens) -> None:
     assert np.degrees(named["incidence"].lacking) == pytest.approx(least - 30, abs=0.1)
     assert "incidence of at most 30° would have to give by 24" in found.why_empty
     # Or the workspace would have to reach to where 30 degrees are.
-    assert found.why_empty.startswith("workspace: no view in it satisfies everything")
+    assert "or the workspace would have to reach" in found.why_empty
 
 
 def test_visibility_is_blamed_in_mm(bench, lens) -> None:

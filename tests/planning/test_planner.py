@@ -186,10 +186,14 @@ def test_empty_plans_name_what_blocks(paper_task: Task, lens, part, bench, tmp_p
     assert found.why_empty.startswith("visibility: every viewpoint in the workspace has material")
     near = replace(paper_task, workspace=box_workspace((-300, -300, 35), (300, 300, 300)))
     found = plan(near, lens, part.scene, audit_points=200)
-    assert found.why_empty.startswith("workspace: no view in it satisfies everything")
+    assert found.why_empty.startswith(
+        "workspace: no view satisfies everything; the workspace would have to reach"
+    )
     between = replace(paper_task, workspace=box_workspace((-300, -150, 100), (300, 100, 900)))
     found = plan(between, lens, part.scene, audit_points=200)
-    assert found.why_empty.startswith("workspace: no view in it satisfies everything")
+    assert found.why_empty.startswith(
+        "workspace: no view satisfies everything; the workspace would have to reach"
+    )
     distorted = replace(lens, k1_per_mm2=-0.002)
     tight = replace(paper_task, requirements=[FieldOfView(25.4, "x"), Resolution(5, 0.254, "x")])
     found = plan(tight, distorted, part.scene, audit_points=200)
