@@ -7,6 +7,7 @@ of the next level. It is asked breadth first, all pairs of a question and a box 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import reduce
 from typing import Final
 
 import numpy as np
@@ -19,11 +20,14 @@ _LEAF: Final = 4
 _FIRST: Final = 3
 #: Pairs of question and box that are worked on at once, so that they stay in the cache.
 _PAIRS_AT_ONCE: Final = 16_384
+#: Rows that are shorter are reduced column by column.
+_SHORT: Final = 64
 #: By how much boxes grow, as a share of their coordinates, lest rounding makes them too small.
 _ROUNDING: Final = 1e-15
 
-#: Tells which pairs may meet, given as (K,) questions and (K, 3) centres and half sizes of boxes.
-Meets = Callable[[IntArray, FloatArray, FloatArray], BoolArray]
+#: Tells which pairs may meet, given as (K,) questions, (3, K) centres and half sizes of boxes, and
+#: (K,) one thing of each box, near its centre.
+Meets = Callable[[IntArray, FloatArray, FloatArray, IntArray], BoolArray]
 
 
 class BoxTree:
@@ -42,27 +46,56 @@ class BoxTree:
         slots = leaf * 2**depth
         # Some things stand twice, next to themselves, so that all leaves are of one size.
         thing = np.arange(slots) * count // slots
-        low, high = low[thing], high[thing]
-        middles = (low + high) / 2
-        order = np.arange(slots)
+        middles = np.ascontiguousarray((low + high).T / 2)
+        order, places = np.arange(slots), middles.take(thing, 1)
         for level in range(depth):
-            rows = order.reshape(2**level, -1)
-            extent = np.stack([np.ptp(middles[:, k][rows], axis=1) for k in range(3)], axis=-1)
-            key = middles[rows, extent.argmax(axis=1)[:, None]]
-            split = np.argpartition(key, rows.shape[1] // 2, axis=1)
-            order = np.take_along_axis(rows, split, axis=1).ravel()
-        leaves = order.reshape(2**depth, leaf)
+            rows = places.reshape(3, 2**level, -1)
+            width = rows.shape[-1]
+            axis = (_over_rows(np.maximum, rows) - _over_rows(np.minimum, rows)).argmax(axis=0)
+            key = rows[axis, np.arange(2**level)]
+            split = np.argpartition(key, width // 2, axis=1)
+            split += np.arange(0, slots, width)[:, None]
+            order, places = order.take(split.ravel()), places.take(split.ravel(), 1)
+        of_slot = thing.take(order)
         repeated = np.diff(thing, prepend=-1) == 0
-        self._leaves: IntArray = np.where(repeated, -1, thing)[leaves]
-        lows, highs = [low[leaves].min(axis=1)], [high[leaves].max(axis=1)]
-        for _ in range(depth):
-            lows.append(np.minimum(lows[-1][::2], lows[-1][1::2]))
-            highs.append(np.maximum(highs[-1][::2], highs[-1][1::2]))
-        self._centres = [(a + b) / 2 for a, b in zip(lows[::-1], highs[::-1], strict=True)]
-        self._halves = [
-            (b - a) / 2 + _ROUNDING * (np.abs(a) + np.abs(b))
-            for a, b in zip(lows[::-1], highs[::-1], strict=True)
-        ]
+        self._leaves: IntArray = np.where(repeated.take(order), -1, of_slot).reshape(-1, leaf)
+        in_leaves = of_slot.reshape(-1, leaf)
+        lows = _over_rows(np.minimum, np.moveaxis(low.take(in_leaves, 0), -1, 0))
+        highs = _over_rows(np.maximum, np.moveaxis(high.take(in_leaves, 0), -1, 0))
+        chosen = in_leaves[:, 0]
+        #: For each level (6, boxes): centres, then half sizes; and one thing near each centre.
+        self._boxes: list[FloatArray] = []
+        self._things: list[IntArray] = []
+        for level in range(depth, -1, -1):
+            if level < depth:
+                lows = np.minimum(lows[:, ::2], lows[:, 1::2])
+                highs = np.maximum(highs[:, ::2], highs[:, 1::2])
+                first, second = chosen[::2], chosen[1::2]
+                away, other = (
+                    np.abs(middles.take(k, 1) - (lows + highs) / 2).sum(axis=0)
+                    for k in (first, second)
+                )
+                chosen = np.where(away <= other, first, second)
+            halves = (highs - lows) / 2 + _ROUNDING * (np.abs(lows) + np.abs(highs))
+            self._boxes.insert(0, np.concatenate([(lows + highs) / 2, halves]))
+            self._things.insert(0, chosen)
+
+    @classmethod
+    def about(cls, triangles: FloatArray) -> BoxTree:
+        """Put boxes about triangles.
+
+        Parameters
+        ----------
+        triangles
+            (N, 3, 3) corners; at least one triangle.
+
+        Returns
+        -------
+        BoxTree
+            The tree.
+        """
+        corners = np.moveaxis(triangles, 1, -1)
+        return cls(_over_rows(np.minimum, corners), _over_rows(np.maximum, corners))
 
     def pairs(self, questions: IntArray, meets: Meets) -> Iterator[tuple[IntArray, IntArray]]:
         """Find all pairs of a question and a thing whose boxes meet.
@@ -82,7 +115,7 @@ class BoxTree:
         things : IntArray
             (K,) indices of things; no pair comes twice.
         """
-        last = len(self._centres) - 1
+        last = len(self._boxes) - 1
         first = min(last, _FIRST)
         boxes = np.arange(2**first)
         step = max(1, _PAIRS_AT_ONCE // len(boxes))
@@ -90,8 +123,8 @@ class BoxTree:
         stack = [(first, np.repeat(q, len(boxes)), np.tile(boxes, len(q))) for q in parts]
         while stack:
             level, asked, box = stack.pop()
-            centre, half = self._centres[level].take(box, 0), self._halves[level].take(box, 0)
-            met = np.flatnonzero(meets(asked, centre, half))
+            where = self._boxes[level].take(box, 1)
+            met = np.flatnonzero(meets(asked, where[:3], where[3:], self._things[level].take(box)))
             if not len(met):
                 continue
             asked, box = asked[met], box[met]
@@ -106,15 +139,22 @@ class BoxTree:
                 stack.append((level + 1, asked[part], children[part]))
 
 
+def _over_rows(choose: np.ufunc, rows: FloatArray) -> FloatArray:
+    """Reduce along the last axis; numpy itself is slow where that is short."""
+    if rows.shape[-1] > _SHORT:
+        return np.asarray(choose.reduce(rows, axis=-1))
+    return np.asarray(reduce(choose, np.moveaxis(rows, -1, 0)))
+
+
 def squared_distance(points: FloatArray, centres: FloatArray, halves: FloatArray) -> FloatArray:
     """Measure how far points are from boxes.
 
     Parameters
     ----------
     points
-        (K, 3) points.
+        (3, K) points.
     centres, halves
-        (K, 3) centre and half size of a box for each.
+        (3, K) centre and half size of a box for each.
 
     Returns
     -------
@@ -123,5 +163,5 @@ def squared_distance(points: FloatArray, centres: FloatArray, halves: FloatArray
     """
     beyond = np.abs(centres - points) - halves
     np.maximum(beyond, 0.0, out=beyond)
-    squared: FloatArray = np.einsum("ki,ki->k", beyond, beyond)
+    squared: FloatArray = np.einsum("ik,ik->k", beyond, beyond)
     return squared

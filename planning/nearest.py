@@ -33,7 +33,7 @@ class NearestSurface:
         corners = triangles.reshape(-1, 3)
         self._origin: FloatArray = (corners.min(axis=0) + corners.max(axis=0)) / 2
         self._triangles = triangles - self._origin
-        self._tree = BoxTree(self._triangles.min(axis=1), self._triangles.max(axis=1))
+        self._tree = BoxTree.about(self._triangles)
         a, b, c = np.moveaxis(self._triangles, 1, 0)
         normals, length = _plane_normals(b - a, c - b)
         # A sliver has no plane that it could be known to be far away from.
@@ -56,11 +56,14 @@ class NearestSurface:
             (N,) unsigned, in the unit of the triangles.
         """
         local = points - self._origin
+        across = np.ascontiguousarray(local.T)
         # No triangle that matters is farther away than the nearest corner.
         best = np.asarray(self._corners.query(local)[0])
 
-        def meets(which: IntArray, centres: FloatArray, halves: FloatArray) -> BoolArray:
-            squared = squared_distance(local.take(which, 0), centres, halves)
+        def meets(
+            which: IntArray, centres: FloatArray, halves: FloatArray, _: IntArray
+        ) -> BoolArray:
+            squared = squared_distance(across.take(which, 1), centres, halves)
             nearer: BoolArray = squared < best.take(which) ** 2
             return nearer
 

@@ -13,9 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from lenscal.arrays import BoolArray, FloatArray
+from planning.membership import Membership
 from planning.solid import Solid
 from planning.target import Target
 from planning.visibility.exact_test import ExactTest, Occluders
+from planning.visibility.perspective import Perspective
 
 if TYPE_CHECKING:
     from planning.visibility.region import Region
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 TOLERANCE: Final = 1e-6
 #: How far from the boundary, as shares of the workspace's diagonal, viewpoints close to it lie.
 _CLOSE: Final = (3e-6, 3e-2)
+#: How far behind the plane of a target a region may seem to reach, in units of the target's frame.
+_IN_FRONT: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +95,7 @@ class Audit:
         Audit
             A new record.
         """
-        claims = (region.contains(points_mm), region.solid.contains(points_mm))
+        claims = (region.contains(points_mm), _solid_contains(region, points_mm))
         wrong = (claims[0] | claims[1]) & ~sees
         if self.margin_mm == 0:
             wrong |= ~(claims[0] & claims[1]) & sees
@@ -131,6 +135,25 @@ class Audit:
             repairs=self.repairs + other.repairs,
             margin_mm=max(self.margin_mm, other.margin_mm),
         )
+
+
+def _solid_contains(region: Region, points_mm: FloatArray) -> BoolArray:
+    """Ask the solid, where that is possible in a perspective that makes its walls upright.
+
+    Most of its faces run along lines of sight. The boxes about them are thin there.
+    """
+    if region.is_empty or not region.factors:
+        return region.solid.contains(points_mm)
+    factor = region.factors[0]
+    perspective = Perspective.of(factor.factor.corners)
+    vertices, points = (factor.frame.to_local(p) for p in (region.solid.vertices_mm, points_mm))
+    if perspective.behind is None or vertices[:, 2].min() < -_IN_FRONT:
+        return region.solid.contains(points_mm)
+    inside = points[:, 2] > 0
+    images = perspective.forward(vertices)[region.solid.faces]
+    upright = Membership(images, np.eye(3))
+    inside[inside] = upright.contains(perspective.forward(points[inside]))
+    return inside
 
 
 def sees_whole_target(viewpoints_mm: npt.ArrayLike, target: Target, scene: Occluders) -> BoolArray:

@@ -29,8 +29,9 @@ _FAR_OFF: Final = 8 * float(np.finfo(np.float64).eps)
 #: Rounds of rays that propose what hides, and the share they must find for another round.
 _ROUNDS: Final = 12
 _WORTHWHILE: Final = 0.02
-#: For fewer viewpoints than this, rays are not worth their preparation.
+#: Rays are worth their preparation for this many viewpoints, and for each face.
 _FEW: Final = 64
+_FEW_PER_FACE: Final = 0.5
 
 
 class Occluders(Protocol):
@@ -98,7 +99,10 @@ class FaceSearch:
 
     def __init__(self, triangles_mm: FloatArray) -> None:
         self._triangles = triangles_mm
-        self._tree = BoxTree(triangles_mm.min(axis=1), triangles_mm.max(axis=1))
+        self._middles: FloatArray = np.ascontiguousarray(
+            (triangles_mm[:, 0] + triangles_mm[:, 1] + triangles_mm[:, 2]).T / 3
+        )
+        self._tree = BoxTree.about(triangles_mm)
 
     def blockers(self, points_mm: FloatArray, target: Target) -> IntArray:
         """Find a face that hides some of a target.
@@ -133,14 +137,24 @@ class FaceSearch:
 
     def _of_piece(self, pyramids: Pyramids, origin: FloatArray) -> IntArray:
         blocker = np.full(len(pyramids.apexes), -1, dtype=np.int64)
-        if "_rays" in self.__dict__ or len(blocker) >= _FEW:
+        few = max(_FEW, _FEW_PER_FACE * len(self._triangles))
+        if "_rays" in self.__dict__ or len(blocker) >= few:
             self._shoot(pyramids, origin, blocker)
 
-        def meets(which: IntArray, centres: FloatArray, halves: FloatArray) -> BoolArray:
+        def meets(
+            which: IntArray, centres: FloatArray, halves: FloatArray, some: IntArray
+        ) -> BoolArray:
             met = blocker[which] < 0
             left = np.flatnonzero(met)
-            met[left] = pyramids.reach_boxes(which[left], centres[left] - origin, halves[left])
-            return met
+            asked, faces = which[left], some[left]
+            met[left], hidden = pyramids.reach_boxes(
+                asked,
+                centres[:, left] - origin[:, None],
+                halves[:, left],
+                self._middles.take(faces, 1) - origin[:, None],
+            )
+            blocker[asked[hidden]] = faces[hidden]
+            return met & (blocker[which] < 0)
 
         for which, triangle in self._tree.pairs(np.flatnonzero(blocker < 0), meets):
             met = pyramids.met_by(which, self._triangles.take(triangle, 0) - origin)

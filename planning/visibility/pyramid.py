@@ -31,18 +31,16 @@ class Pyramids:
         (M, 3) corners of the target, counter-clockwise seen from the front; two for a segment.
     contact
         (N,) how deep something may reach in and still only touch.
-    normals
-        (N, P, 3) unit normals of the half-spaces that make up each pyramid, inwards; zero where
-        the pyramid is too thin to have that side.
-    offsets
-        (N, P) normal · point of their planes; minus infinity where there is no normal.
+    planes
+        (P, 4, N) of the half-spaces that make up each pyramid: unit normal, inwards, and normal ·
+        point. Where the pyramid is too thin to have that side they are zero and minus infinity.
+        Pyramids stand innermost: picking by components is twice as fast.
     """
 
     apexes: FloatArray
     base: FloatArray
     contact: FloatArray
-    normals: FloatArray
-    offsets: FloatArray
+    planes: FloatArray
 
     @classmethod
     def over(cls, base: FloatArray, apexes: FloatArray, contact: FloatArray) -> Pyramids:
@@ -80,30 +78,52 @@ class Pyramids:
         length = np.linalg.norm(normals, axis=-1, keepdims=True)
         normals = normals / np.where(length > 0, length, 1.0)
         offsets = np.einsum("npi,npi->np", normals, points)
-        return cls(apexes, base, contact, normals, np.where(length[..., 0] > 0, offsets, -np.inf))
+        offsets[length[..., 0] == 0] = -np.inf
+        rows = np.concatenate([normals, offsets[..., None]], axis=-1)
+        return cls(apexes, base, contact, np.ascontiguousarray(rows.transpose(1, 2, 0)))
 
-    def reach_boxes(self, which: IntArray, centres: FloatArray, halves: FloatArray) -> BoolArray:
-        """Tell which pyramids may meet a box: no side of theirs has all of the box outside.
+    def reach_boxes(
+        self, which: IntArray, centres: FloatArray, halves: FloatArray, points: FloatArray
+    ) -> tuple[BoolArray, BoolArray]:
+        """Tell which pyramids may meet a box, and which surely meet what is in it.
+
+        They may if no side of theirs has all of the box outside; they do if a point of some face
+        in the box lies inside of them.
 
         Parameters
         ----------
         which
             (K,) indices of pyramids.
         centres, halves
-            (K, 3) of the boxes.
+            (3, K) of the boxes.
+        points
+            (3, K) a point of a face in each box.
 
         Returns
         -------
-        BoolArray
+        reach : BoolArray
             (K,) False only if nothing in the box reaches into the pyramid.
+        hold : BoolArray
+            (K,) True only if the point lies inside, deeper than what counts as contact. A flat
+            pyramid has no inside.
         """
-        normals = self.normals.take(which, 0)
-        deepest = np.matmul(normals, centres[..., None])[..., 0]
-        deepest += np.matmul(np.abs(normals, out=normals), halves[..., None])[..., 0]
-        deepest -= self.offsets.take(which, 0)
-        # What does not pass a plane by the contact is separated by it; half of it covers rounding.
-        reach: BoolArray = _least(deepest) > self.contact.take(which) / 2
-        return reach
+        box, inside = (np.full(len(which), np.inf) for _ in range(2))
+        for plane in self.planes:
+            *normal, offset = plane.take(which, 1)
+            depth = _along(normal, centres)
+            depth -= offset
+            place = _along(normal, points)
+            place -= offset
+            for n, reach in zip(normal, halves, strict=True):
+                np.abs(n, out=n)
+                n *= reach
+                depth += n
+            np.minimum(box, depth, out=box)
+            np.minimum(inside, place, out=inside)
+        contact = self.contact.take(which)
+        # What does not pass a plane by the contact is separated by it; half of it covers rounding,
+        # and twice of it that the point is rounded.
+        return box > contact / 2, (inside > 2 * contact) & (len(self.base) > 2)
 
     def met_by(self, which: IntArray, triangles: FloatArray) -> BoolArray:
         """Tell which pyramids have a triangle reaching into them.
@@ -125,12 +145,19 @@ class Pyramids:
             part = slice(start, start + _PAIRS_AT_ONCE)
             asked, corners = which[part], triangles[part]
             contact = self.contact.take(asked)
-            depth = np.matmul(self.normals.take(asked, 0), np.swapaxes(corners, 1, 2))
-            depth -= self.offsets.take(asked, 0)[..., None]
+            places = np.ascontiguousarray(corners.transpose(1, 2, 0))
+            inside = np.full((3, len(asked)), np.inf)
+            reach = np.full(len(asked), np.inf)
+            for plane in self.planes:
+                *normal, offset = plane.take(asked, 1)
+                depth = np.stack([_along(normal, place) for place in places])
+                depth -= offset
+                np.minimum(inside, depth, out=inside)
+                np.minimum(reach, depth.max(axis=0), out=reach)
             # A corner that is deep inside settles it, and so does a side that all are outside of.
             if len(self.base) > 2:
-                met[part] = _most(_least(np.swapaxes(depth, 1, 2))) > contact
-            left = np.flatnonzero(~met[part] & (_least(_most(depth)) > contact / 2))
+                met[part] = inside.max(axis=0) > contact
+            left = np.flatnonzero(~met[part] & (reach > contact / 2))
             met[start + left] = self._overlap(asked[left], corners[left])
         return met
 
@@ -163,12 +190,13 @@ class Pyramids:
         normal = cross(b - a, c - a)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = dot(normal, a) / dot(normal, ray)
-        place = apexes + share[:, None] * ray
-        depth = np.matmul(self.normals.take(which, 0), place[..., None])[..., 0]
-        depth -= self.offsets.take(which, 0)
+        place = np.ascontiguousarray((apexes + share[:, None] * ray).T)
         # Twice the contact: the place itself is rounded. NaN compares as False.
-        proved: BoolArray = through & (_least(depth) > 2 * self.contact.take(which))
-        return proved
+        limit = 2 * self.contact.take(which)
+        for plane in self.planes:
+            *towards, offset = plane.take(which, 1)
+            through &= _along(towards, place) - offset > limit
+        return through
 
     def _overlap(self, which: IntArray, triangles: FloatArray) -> BoolArray:
         """All axes: the normals settle most pairs, the products of edges are for the rest."""
@@ -182,14 +210,18 @@ class Pyramids:
         pyramid_edges = np.concatenate([np.broadcast_to(rim, (len(left), *rim.shape)), sides], 1)
         products = cross(pyramid_edges[:, :, None], edges[left][:, None])
         products = products.reshape(len(left), 3 * pyramid_edges.shape[1], 3)
-        axes = np.concatenate([self.normals[which[left]], products], axis=1)
+        normals = self.planes[:, :3, which[left]].transpose(2, 0, 1)
+        axes = np.concatenate([normals, products], axis=1)
         overlap[left] = _widest_gap(axes, apexes[left], base, triangles[left]) < limit[left]
         return overlap
 
 
-def _least(values: FloatArray) -> FloatArray:
-    """Smallest along the last axis, which is short."""
-    return reduce(np.minimum, np.moveaxis(values, -1, 0))
+def _along(normal: list[FloatArray], place: FloatArray) -> FloatArray:
+    """(K,) normal · place, of components."""
+    product: FloatArray = normal[0] * place[0]
+    product += normal[1] * place[1]
+    product += normal[2] * place[2]
+    return product
 
 
 def _most(values: FloatArray) -> FloatArray:

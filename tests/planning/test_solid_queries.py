@@ -60,7 +60,7 @@ def test_membership_agrees_with_the_winding_number(name: str, scale: float) -> N
         [triangles.mean(axis=1), triangles[:, 0], triangles[:, :2].mean(axis=1)]
     )
     special = special[generator.integers(len(special), size=100)]
-    along = np.concatenate([np.eye(3), -np.eye(3), membership._SKEW[2:], -membership._SKEW[2:]])
+    along = np.concatenate([np.eye(3), -np.eye(3), membership.SKEW[2:], -membership.SKEW[2:]])
     special = (special[:, None] + 0.83 * scale * along).reshape(-1, 3)
     points = np.concatenate([anywhere, special])
     surface = NearestSurface(triangles).distance(points)
@@ -80,7 +80,7 @@ def test_lines_through_corners_fall_back_on_the_winding_number(monkeypatch) -> N
         return winding_number(points, faces)
 
     monkeypatch.setattr(membership, "winding_number", counted)
-    up = membership._SKEW[2]
+    up = membership.SKEW[2]
     upper = triangles[(triangles @ up).min(axis=1) > 3, 0]
     inside = Membership(triangles).contains(upper - 2 * up)
     assert inside.all()
@@ -126,8 +126,9 @@ def test_tree_finds_each_pair_of_meeting_boxes_once(seed: int, count: int) -> No
     high = low + 0.3 * generator.uniform(size=(count, 3))
     points = generator.uniform(size=(50, 3))
 
-    def meets(which, centres, halves):
-        return (np.abs(points[which] - centres) <= halves).all(axis=1)
+    def meets(which, centres, halves, some):
+        assert ((low[some].T <= centres + halves) & (high[some].T >= centres - halves)).all()
+        return (np.abs(points[which].T - centres) <= halves).all(axis=0)
 
     pairs = [
         (int(q), int(t))
