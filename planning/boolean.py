@@ -135,13 +135,16 @@ def trimmed(solid: Manifold, normal: npt.ArrayLike, offset: float) -> Manifold:
     return solid if solid.is_empty() else solid.trim_by_plane(normal, offset)
 
 
-def intersect(first: Manifold, second: Manifold) -> tuple[Manifold, float]:
+def intersect(first: Manifold, second: Manifold, guarded: bool = True) -> tuple[Manifold, float]:
     """Intersect two solids and check the books.
 
     Parameters
     ----------
     first, second
         The solids, in a frame of size about one.
+    guarded
+        Whether anything is done about volumes that do not add up. Only for showing what happens
+        without.
 
     Returns
     -------
@@ -159,7 +162,7 @@ def intersect(first: Manifold, second: Manifold) -> tuple[Manifold, float]:
     for distance in _NUDGES:
         common, rest = first.split(second.translate(np.multiply(distance, _ASKEW)))
         imbalance = abs(first.volume() - common.volume() - rest.volume())
-        if imbalance <= BALANCE_TOLERANCE:
+        if imbalance <= BALANCE_TOLERANCE or not guarded:
             return common, imbalance
     raise _unbalanced(imbalance)
 

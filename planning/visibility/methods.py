@@ -49,6 +49,7 @@ def visibility_region(
     exact_test: ExactTest | None = None,
     margin_mm: float = 0.0,
     progress: Progress | None = None,
+    guarded: bool = True,
 ) -> Region:
     """Compute exactly from where in a workspace the whole of a target is seen.
 
@@ -75,6 +76,9 @@ def visibility_region(
         that nothing in it is hidden by the scene as it is. Only for the direct method.
     progress
         Told how many of the scene's convex pieces are done with.
+    guarded
+        Whether boolean operations that lose volume are repeated. Only for showing, with the direct
+        method, what happens without: the audit counts it.
 
     Returns
     -------
@@ -112,12 +116,12 @@ def visibility_region(
     factors: list[Factor] = []
     if in_front and method == "direct":
         margin = margin_mm / frame.scale_mm
-        factors = direct_factors(scene, target, frame, margin=margin, progress=progress)
+        factors = direct_factors(scene, target, frame, guarded, margin, progress)
     elif in_front:
         factors = decomposition_factors(scene, target, frame)
     imbalances = [factor.imbalance for factor in factors]
     for factor in factors:
-        local, imbalance = intersect(local, factor.solid)
+        local, imbalance = intersect(local, factor.solid, guarded)
         imbalances.append(imbalance / whole)
     vertices, faces = from_manifold(local if in_front else Manifold())
     solid = Solid(frame.to_part(vertices), faces)

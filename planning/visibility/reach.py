@@ -213,8 +213,9 @@ def _pairs(
         covered &= at_middle(rim) + change(rim) >= -_POSITION_SLACK
     index, u, v = index[covered], u[covered], v[covered]
     plane = planes[index]
-    middle, spread = at_middle(plane), change(plane)
     # The plane of what is seen edge-on says nothing.
+    with np.errstate(invalid="ignore"):
+        middle, spread = at_middle(plane), change(plane)
     spread[~(np.isfinite(middle) & np.isfinite(spread))] = np.inf
     middle[~np.isfinite(middle)] = 0.0
     return _Seen(

@@ -363,6 +363,28 @@ def test_known_defect_of_the_library_is_caught_and_repaired(reference_data) -> N
     assert (members["wrong"] != wanted).any()
 
 
+def test_the_audit_finds_the_defect_in_a_scene_and_the_guards_repair_it() -> None:
+    """A ring of seven icospheres as bare faces, seen from all around a segment."""
+    heights = 12 + 4 * np.random.default_rng(1).uniform(-1, 1, 7)
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
+    angles = 2 * np.pi * np.arange(7) / 7
+    centres = np.stack([15 * np.cos(angles), 15 * np.sin(angles), heights], axis=-1)
+    # One face is missing: a ball without it is no solid, and each face casts its own shadow.
+    open_balls = [trimesh.Trimesh(ball.vertices + c, ball.faces[1:]) for c in centres]
+    scene = Scene(open_balls, as_faces=True)
+    target = Target.segment((-5, 0, 0), (5, 0, 0))
+    workspace = box_workspace((-50, -50, 0), (50, 50, 100))
+    wrong = visibility_region(scene, target, workspace, guarded=False)
+    assert wrong.audit.disagreements > 0
+    assert wrong.audit.imbalance == pytest.approx(1.15e-4, rel=0.01)
+    assert wrong.audit.repairs == 0
+    right = visibility_region(scene, target, workspace)
+    assert right.audit.disagreements == 0
+    assert right.audit.imbalance < 1e-12
+    assert right.audit.repairs > 0
+    assert right.volume_mm3 > wrong.volume_mm3 + 10
+
+
 def test_slivers_are_dropped() -> None:
     cube = manifold3d.Manifold.cube([1, 1, 1])
     cut = manifold3d.Manifold.cube([1, 1, 1]).translate([0, 0, 1e-10])
