@@ -186,7 +186,7 @@ class Pyramids:
         ray = aim - apexes
         a, b, c = (corners[:, k] for k in range(3))
         sides = np.stack([dot(cross(p, q), ray) for p, q in ((a, b), (b, c), (c, a))])
-        through = (sides > 0).all(axis=0) | (sides < 0).all(axis=0)
+        through: BoolArray = np.logical_or((sides > 0).all(axis=0), (sides < 0).all(axis=0))
         normal = cross(b - a, c - a)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = dot(normal, a) / dot(normal, ray)
@@ -195,7 +195,7 @@ class Pyramids:
         limit = 2 * self.contact.take(which)
         for plane in self.planes:
             *towards, offset = plane.take(which, 1)
-            through &= _along(towards, place) - offset > limit
+            np.logical_and(through, _along(towards, place) - offset > limit, out=through)
         return through
 
     def _overlap(self, which: IntArray, triangles: FloatArray) -> BoolArray:
