@@ -152,11 +152,11 @@ def main() -> None:
     _ = views.region_distance_mm
     known = [requirement for requirement in requirements if requirement.name != "clearance"]
     for requirement in requirements:
-        spent = cpu(lambda r=requirement: judge([r], views), 1)  # type: ignore[misc]
+        spent = cpu(lambda r=requirement: judge([r], views), given.rounds)  # type: ignore[misc]
         share = judge([requirement], views).margins[0].share
         print(f"  {requirement.name:<37s}{spent:7.2f}  {(share >= 0).mean():5.0%} hold")
     together = cpu(lambda: judge(known, views), given.rounds)
-    everything = cpu(lambda: judge(requirements, views), 1)
+    everything = cpu(lambda: judge(requirements, views), given.rounds)
     for name, spent in (("all but clearance", together), ("all", everything)):
         print(
             f"{name:<39s}{spent:7.2f}  without that distance: {spent / projected:.2f} × numpy, "

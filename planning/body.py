@@ -15,6 +15,7 @@ from scipy.spatial import KDTree
 from lenscal.arrays import BoolArray, FloatArray, IntArray, frozen_array
 from lenscal.errors import GeometryError
 from planning.crossings import find_crossing
+from planning.polygons import convex_quadrilaterals
 from planning.solid import Solid
 from planning.surface_parts import SurfacePart, surface_parts
 
@@ -141,6 +142,11 @@ class Body(Solid):
     def parts(self) -> tuple[SurfacePart, ...]:
         """Its surface in convex bodies and polygons, found when first asked for, and kept."""
         return surface_parts(self, self.is_closed)
+
+    @cached_property
+    def convex_faces_mm(self) -> FloatArray:
+        """(Q, 4, 3) corners of convex quadrilaterals that cover its surface; some are triangles."""
+        return convex_quadrilaterals(self.vertices_mm, self.faces)
 
     def contains(self, points_mm: npt.ArrayLike) -> BoolArray:
         """Tell which points lie inside.

@@ -6,10 +6,10 @@ half a metre behind the front glass at some settings.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import trimesh
@@ -17,6 +17,14 @@ import trimesh
 from lenscal.arrays import FloatArray, frozen_array, positive
 from lenscal.errors import InputError
 from planning.solid import Solid
+from planning.vectors import along
+
+#: A direction that is less off the axis than this runs along it.
+_NO_LENGTH: Final = 1e-12
+#: Normals that differ by less are the same.
+_SAME: Final = 1e-9
+#: Pairs of point and face of a hull that are worked on at once.
+_PAIRS_AT_ONCE: Final = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +63,8 @@ class Cylinder:
     @cached_property
     def axis(self) -> FloatArray:
         """(3,) unit vector along it."""
-        along = self.end_mm - self.start_mm
-        unit: FloatArray = along / np.linalg.norm(along)
+        lengthwise = self.end_mm - self.start_mm
+        unit: FloatArray = lengthwise / np.linalg.norm(lengthwise)
         return unit
 
     @cached_property
@@ -79,21 +87,40 @@ class Cylinder:
         Parameters
         ----------
         directions
-            (K, 3) unit vectors.
+            (3, K) unit vectors.
 
         Returns
         -------
         FloatArray
             (K,) the largest u · p over its points p.
         """
-        along = directions @ self.axis
-        across = np.sqrt(np.maximum(1.0 - along**2, 0.0))
+        cosine = along(self.axis, directions)
+        sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
         reach: FloatArray = (
-            directions @ self.centre_mm
-            + self.half_length_mm * np.abs(along)
-            + self.radius_mm * across
+            along(self.centre_mm, directions)
+            + self.half_length_mm * np.abs(cosine)
+            + self.radius_mm * sine
         )
         return reach
+
+    def farthest_mm(self, directions: FloatArray) -> FloatArray:
+        """Give the point that reaches farthest in directions.
+
+        Parameters
+        ----------
+        directions
+            (3, K) unit vectors.
+
+        Returns
+        -------
+        FloatArray
+            (3, K) in mm; one of them where there are several.
+        """
+        cosine = along(self.axis, directions)
+        across = directions - cosine * self.axis[:, None]
+        across *= self.radius_mm / np.maximum(np.sqrt(along(across, across)), _NO_LENGTH)
+        ahead: FloatArray = self.half_length_mm * np.sign(cosine) * self.axis[:, None]
+        return self.centre_mm[:, None] + ahead + across
 
     def nearest_mm(self, points_mm: FloatArray) -> FloatArray:
         """Give the nearest of its points, which is the point itself inside.
@@ -101,47 +128,98 @@ class Cylinder:
         Parameters
         ----------
         points_mm
-            (K, 3) in mm.
+            (3, K) in mm.
 
         Returns
         -------
         FloatArray
-            (K, 3) in mm.
+            (3, K) in mm.
         """
-        away = points_mm - self.centre_mm
-        along = away @ self.axis
-        across = away - along[:, None] * self.axis
-        distance = np.linalg.norm(across, axis=1)
-        shrink = self.radius_mm / np.maximum(distance, self.radius_mm)
-        kept = np.clip(along, -self.half_length_mm, self.half_length_mm)
-        nearest: FloatArray = self.centre_mm + kept[:, None] * self.axis + shrink[:, None] * across
-        return nearest
+        lengthwise, across = self._parted(points_mm)
+        distance = np.sqrt(along(across, across))
+        across *= self.radius_mm / np.maximum(distance, self.radius_mm)
+        kept = np.clip(lengthwise, -self.half_length_mm, self.half_length_mm)
+        across += self.centre_mm[:, None]
+        across += kept * self.axis[:, None]
+        return across
 
-    def directions_towards(self, triangles_mm: FloatArray) -> list[FloatArray]:
-        """Suggest directions in which it may be parted from triangles: along it and across it.
+    def distance_mm(self, points_mm: FloatArray) -> FloatArray:
+        """Measure how far points are from it.
 
         Parameters
         ----------
-        triangles_mm
-            (K, 3, 3) in mm.
+        points_mm
+            (3, K) in mm.
+
+        Returns
+        -------
+        FloatArray
+            (K,) in mm, zero inside.
+        """
+        lengthwise, across = self._parted(points_mm)
+        beyond = np.maximum(np.abs(lengthwise) - self.half_length_mm, 0.0)
+        beside = np.maximum(np.sqrt(along(across, across)) - self.radius_mm, 0.0)
+        return np.asarray(np.sqrt(beyond**2 + beside**2))
+
+    def directions_towards(self, corners_mm: FloatArray) -> list[FloatArray]:
+        """Suggest directions in which it may be parted from faces: along it and across it.
+
+        What has the same direction as one of them, or the opposite one, is covered.
+
+        Parameters
+        ----------
+        corners_mm
+            (C, 3, K) corners of convex faces in mm.
 
         Returns
         -------
         list of FloatArray
-            (K, 3) unit vectors each.
+            (3, K) unit vectors each.
         """
-        count = len(triangles_mm)
-        found = [np.tile(self.axis, (count, 1)), np.tile(-self.axis, (count, 1))]
-        away = triangles_mm - self.centre_mm
-        across = away - (away @ self.axis)[..., None] * self.axis
-        for k in range(3):
-            start, along = across[:, k], across[:, (k + 1) % 3] - across[:, k]
-            squared = np.einsum("ij,ij->i", along, along)
-            foot = -np.einsum("ij,ij->i", start, along) / np.where(squared > 0, squared, 1.0)
-            nearest = start + np.clip(foot, 0.0, 1.0)[:, None] * along
-            length = np.linalg.norm(nearest, axis=1, keepdims=True)
-            found.append(np.where(length > 0, nearest / np.where(length > 0, length, 1), self.axis))
-        return found
+        axis = np.broadcast_to(self.axis[:, None], corners_mm.shape[1:])
+        towards, least = axis, np.full(axis.shape[1], np.inf)
+        for _, across in self._feet(corners_mm):
+            squared = along(across, across)
+            towards = np.where((squared < least) & (squared > 0), across, towards)
+            np.minimum(least, squared, out=least)
+        return [axis, towards / np.sqrt(along(towards, towards))]
+
+    def points_near(self, corners_mm: FloatArray) -> list[FloatArray]:
+        """Suggest points of faces that may be the nearest: of each edge, that nearest to the axis.
+
+        Parameters
+        ----------
+        corners_mm
+            (C, 3, K) corners of convex faces in mm.
+
+        Returns
+        -------
+        list of FloatArray
+            (3, K) points each.
+        """
+        following = np.roll(corners_mm, -1, axis=0)
+        return [
+            start + share * (stop - start)
+            for (share, _), start, stop in zip(
+                self._feet(corners_mm), corners_mm, following, strict=True
+            )
+        ]
+
+    def _parted(self, points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(K,) how far along the axis points lie from the centre, and (3, K) what is across it."""
+        away = points_mm - self.centre_mm[:, None]
+        lengthwise = along(self.axis, away)
+        away -= lengthwise * self.axis[:, None]
+        return lengthwise, away
+
+    def _feet(self, corners_mm: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Where on each edge, as a share, it is nearest to the axis, and (3, K) how far across."""
+        across = [self._parted(corner)[1] for corner in corners_mm]
+        for start, stop in zip(across, [*across[1:], across[0]], strict=True):
+            edge = stop - start
+            squared = along(edge, edge)
+            share = np.clip(-along(start, edge) / np.where(squared > 0, squared, 1.0), 0.0, 1.0)
+            yield share, start + share * edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,15 +265,31 @@ class Hull:
         Parameters
         ----------
         directions
-            (K, 3) unit vectors.
+            (3, K) unit vectors.
 
         Returns
         -------
         FloatArray
             (K,) the largest u · p over its points p.
         """
-        reach: FloatArray = (directions @ np.asarray(self._hull.vertices).T).max(axis=1)
+        reach: FloatArray = (np.asarray(self._hull.vertices) @ directions).max(axis=0)
         return reach
+
+    def farthest_mm(self, directions: FloatArray) -> FloatArray:
+        """Give the point that reaches farthest in directions.
+
+        Parameters
+        ----------
+        directions
+            (3, K) unit vectors.
+
+        Returns
+        -------
+        FloatArray
+            (3, K) in mm; one of them where there are several.
+        """
+        vertices = np.asarray(self._hull.vertices)
+        return np.asarray(vertices[(vertices @ directions).argmax(axis=0)].T)
 
     def nearest_mm(self, points_mm: FloatArray) -> FloatArray:
         """Give the nearest of its points, which is the point itself inside.
@@ -203,37 +297,79 @@ class Hull:
         Parameters
         ----------
         points_mm
-            (K, 3) in mm.
+            (3, K) in mm.
 
         Returns
         -------
         FloatArray
-            (K, 3) in mm.
+            (3, K) in mm.
         """
+        nearest = np.array(points_mm)
+        outside = np.flatnonzero((self._normals @ points_mm > self._offsets[:, None]).any(axis=0))
         faces = np.asarray(self._hull.triangles)
-        pairs = trimesh.triangles.closest_point(
-            np.tile(faces, (len(points_mm), 1, 1)), np.repeat(points_mm, len(faces), axis=0)
-        ).reshape(len(points_mm), len(faces), 3)
-        best = np.linalg.norm(pairs - points_mm[:, None], axis=-1).argmin(axis=1)
-        nearest = pairs[np.arange(len(points_mm)), best]
-        beyond = points_mm @ self._normals.T - self._offsets
-        inside = np.asarray(beyond <= 0).all(axis=1, keepdims=True)
-        return np.where(inside, points_mm, nearest)
+        step = max(1, _PAIRS_AT_ONCE // len(faces))
+        for start in range(0, len(outside), step):
+            part = outside[start : start + step]
+            points = points_mm[:, part].T
+            pairs = trimesh.triangles.closest_point(
+                np.tile(faces, (len(points), 1, 1)), np.repeat(points, len(faces), axis=0)
+            ).reshape(len(points), len(faces), 3)
+            best = np.linalg.norm(pairs - points[:, None], axis=-1).argmin(axis=1)
+            nearest[:, part] = pairs[np.arange(len(points)), best].T
+        return nearest
 
-    def directions_towards(self, triangles_mm: FloatArray) -> list[FloatArray]:
-        """Suggest directions in which it may be parted from triangles: its own normals.
+    def distance_mm(self, points_mm: FloatArray) -> FloatArray:
+        """Measure how far points are from it.
 
         Parameters
         ----------
-        triangles_mm
-            (K, 3, 3) in mm.
+        points_mm
+            (3, K) in mm.
+
+        Returns
+        -------
+        FloatArray
+            (K,) in mm, zero inside.
+        """
+        distance: FloatArray = np.linalg.norm(points_mm - self.nearest_mm(points_mm), axis=0)
+        return distance
+
+    def directions_towards(self, corners_mm: FloatArray) -> list[FloatArray]:
+        """Suggest directions in which it may be parted from faces: its own normals.
+
+        The opposite directions are covered as well.
+
+        Parameters
+        ----------
+        corners_mm
+            (C, 3, K) corners of convex faces in mm.
 
         Returns
         -------
         list of FloatArray
-            (K, 3) unit vectors each.
+            (3, K) unit vectors each.
         """
-        return [np.tile(normal, (len(triangles_mm), 1)) for normal in self._normals]
+        shape = corners_mm.shape[1:]
+        kept: list[FloatArray] = []
+        for normal in self._normals:
+            if not any(np.abs(normal + other).max() < _SAME for other in kept):
+                kept.append(normal)
+        return [np.broadcast_to(normal[:, None], shape) for normal in kept]
+
+    def points_near(self, corners_mm: FloatArray) -> list[FloatArray]:  # noqa: ARG002
+        """Suggest points of faces that may be the nearest, besides their corners.
+
+        Parameters
+        ----------
+        corners_mm
+            (C, 3, K) corners of convex faces in mm.
+
+        Returns
+        -------
+        list of FloatArray
+            None: all is found by projecting.
+        """
+        return []
 
     @cached_property
     def _normals(self) -> FloatArray:

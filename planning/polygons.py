@@ -79,6 +79,29 @@ def merge_convex(vertices: FloatArray, triangles: IntArray) -> list[IntArray]:
     return [*triangles[alone], *merged]
 
 
+def convex_quadrilaterals(vertices: FloatArray, triangles: IntArray) -> FloatArray:
+    """Cover a surface with convex quadrilaterals, as few as come easily.
+
+    Parameters
+    ----------
+    vertices
+        (V, 3) points.
+    triangles
+        (F, 3) indices, all turning the same way.
+
+    Returns
+    -------
+    FloatArray
+        (Q, 4, 3) corners in order. A triangle has its first corner twice.
+    """
+    found = [
+        (loop[0], loop[i], loop[i + 1], loop[min(i + 2, len(loop)) % len(loop)])
+        for loop in merge_convex(vertices, triangles)
+        for i in range(1, len(loop) - 1, 2)
+    ]
+    return vertices[np.array(found, dtype=np.int64)]
+
+
 def clip_polygons(polygons: FloatArray, normal: FloatArray) -> tuple[FloatArray, IntArray]:
     """Cut many convex polygons at a plane through the origin and keep what is in front.
 

@@ -14,9 +14,15 @@ from lenscal.pose import Pose
 from lenscal.sensor import Sensor
 from planning.camera_body import CameraBody, Cylinder, Hull
 from planning.lens_states import LensStates
+from planning.polygons import area_vectors, convex_quadrilaterals
 from planning.requirements.clearance import Clearance
 from planning.scene import Scene
-from planning.separation import directions_apart, nearest_on_triangles, separation_mm
+from planning.separation import (
+    directions_apart,
+    nearest_on_faces,
+    nearest_on_triangles,
+    separation_mm,
+)
 from planning.solid import Solid
 from planning.target import Target
 from planning.views import Subject, Views
@@ -41,8 +47,12 @@ def solid(mesh: trimesh.Trimesh) -> Solid:
 
 
 def separation(piece, triangles, group, enough) -> np.ndarray:
-    known = directions_apart(piece, triangles)[1].max(axis=0)
-    return separation_mm(piece, triangles, group, enough, known)
+    # A triangle is a face of four corners, one of them twice.
+    corners = np.stack([*np.moveaxis(np.asarray(triangles), 1, 0), np.asarray(triangles)[:, 0]])
+    corners = np.ascontiguousarray(corners.transpose(0, 2, 1))
+    gaps = [gap for _, *both in directions_apart(piece, corners) for gap in both]
+    distance, _ = separation_mm(piece, corners, group, enough, np.max(gaps, axis=0))
+    return distance
 
 
 def look_down(height, scene, *offsets, x=0.0, requirement) -> np.ndarray:
@@ -129,7 +139,40 @@ def test_nearest_points_agree_with_trimesh() -> None:
         2 * generator.normal(size=(20_000, 3)),
     )
     expected = trimesh.triangles.closest_point(triangles, points)
-    np.testing.assert_allclose(nearest_on_triangles(triangles, points), expected, atol=1e-9)
+    found = nearest_on_triangles(*triangles.transpose(1, 2, 0), points.T)
+    np.testing.assert_allclose(found.T, expected, atol=1e-9)
+
+
+def test_a_face_of_four_corners_is_its_two_triangles() -> None:
+    generator = np.random.default_rng(2)
+    rectangle = np.array([[0, 0, 0], [3, 0, 0], [3, 2, 0], [0, 2, 0]], float)
+    corners = np.repeat(rectangle[..., None], 1000, axis=2)
+    points = generator.normal(size=(3, 1000)) * 4
+    expected = np.clip(points, 0, [[3], [2], [0]])
+    np.testing.assert_allclose(nearest_on_faces(corners, points), expected, atol=1e-12)
+    cylinder = Cylinder((1, 1, 5), (1, 1, 9), 0.5)
+    known = np.full(1, -np.inf)
+    distance, direction = separation_mm(cylinder, corners[..., :1], np.zeros(1, int), 99.0, known)
+    # No direction was tried before: the projections find it.
+    assert distance == pytest.approx(5, abs=1e-4)
+    np.testing.assert_allclose(direction[:, 0], (0, 0, -1), atol=1e-6)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000))
+def test_quadrilaterals_cover_a_surface(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    part = box((0, 0, 0), generator.uniform(1, 5, 3))
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    disk = trimesh.creation.cylinder(2.0, 1.0, sections=int(generator.integers(3, 12)))
+    for mesh, most in ((part, 6), (ball, len(ball.faces)), (disk, len(disk.faces))):
+        faces = convex_quadrilaterals(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        assert len(faces) <= most
+        areas = np.linalg.norm(area_vectors(faces), axis=-1)
+        assert areas.sum() == pytest.approx(mesh.area)
+        # They turn the same way, and enclose the same volume.
+        moments = np.einsum("qi,qi->q", area_vectors(faces), faces[:, 0])
+        assert moments.sum() / 3 == pytest.approx(mesh.volume)
 
 
 def test_hull_is_measured_as_what_it_is() -> None:
