@@ -56,12 +56,13 @@ def evidence(scene: Scene, targets: tuple[Target, ...], region: Region) -> dict[
     dict
         As JSON can hold it; lengths in mm, in the frame of the part.
     """
+    record = region.to_dict()
+    audit = record.pop("audit")
     return {
         "bodies": [
             {"name": body.name, "triangles": len(body.faces), "closed": body.is_closed}
             for body in scene.bodies
         ],
-        "scene_sha256": scene.digest,
         "sources": [
             {
                 "file": source.file,
@@ -74,15 +75,8 @@ def evidence(scene: Scene, targets: tuple[Target, ...], region: Region) -> dict[
         "targets_mm": [
             [target.vertices_mm[loop].tolist() for loop in target.loops] for target in targets
         ],
-        "workspace": {
-            "bounds_mm": region.workspace.bounds_mm.tolist(),
-            "volume_mm3": region.workspace.volume_mm3,
-        },
-        "region": {
-            "volume_mm3": region.volume_mm3,
-            "triangles": len(region.solid.faces),
-            "why_empty": region.why_empty,
-        },
-        "audit": region.audit.to_dict(),
+        "workspace_bounds_mm": region.workspace.bounds_mm.tolist(),
+        "region": {"triangles": len(region.solid.faces), **record},
+        "audit": audit,
         "made_with": f"lenscal {version('lenscal')}",
     }

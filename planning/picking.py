@@ -12,12 +12,15 @@ import trimesh
 from lenscal.arrays import FloatArray, IntArray, frozen_array
 from lenscal.errors import GeometryError
 from planning.body import Body, CadFaces
+from planning.polygons import without_straight_corners
 from planning.scene import Scene
 
 #: How far, as a share of the size of the body, triangles of one face may be off its plane.
 _COPLANAR: Final = 1e-7
 #: How many names a message lists.
 _SHOWN: Final = 12
+#: How far, as a share of the size of a loop, a corner on a straight side may be off it.
+_STRAIGHT: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,7 +193,9 @@ def _outlined(body: Body, triangles: IntArray) -> PickedFace:
             if len(ends) == 1:
                 del following[loop[-1]]
             loop.append(ends.pop())
-        loops.append(_without_straight_corners(body.vertices_mm[np.array(loop[:-1])]))
+        corners = body.vertices_mm[np.array(loop[:-1])]
+        size = float(np.ptp(corners, axis=0).max())
+        loops.append(without_straight_corners(corners, _STRAIGHT * size))
     # The outline encloses the most; what runs the other way around are holes.
     corners = body.vertices_mm[faces]
     up = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
@@ -201,11 +206,3 @@ def _outlined(body: Body, triangles: IntArray) -> PickedFace:
 def _area_along(loop: FloatArray, up: FloatArray) -> float:
     local = loop - loop[0]
     return float(np.cross(local, np.roll(local, -1, axis=0)).sum(axis=0) @ up)
-
-
-def _without_straight_corners(loop: FloatArray) -> FloatArray:
-    before, after = loop - np.roll(loop, 1, axis=0), np.roll(loop, -1, axis=0) - loop
-    turn = np.linalg.norm(np.cross(before, after), axis=-1)
-    straight = turn <= 1e-9 * np.linalg.norm(before, axis=-1) * np.linalg.norm(after, axis=-1)
-    kept: FloatArray = loop[~straight]
-    return kept

@@ -102,6 +102,38 @@ def convex_quadrilaterals(vertices: FloatArray, triangles: IntArray) -> FloatArr
     return vertices[np.array(found, dtype=np.int64)]
 
 
+def without_straight_corners(corners: FloatArray, tolerance: float) -> FloatArray:
+    """Leave out corners that lie on the line between their neighbours.
+
+    They go one after the other, so that of two corners at one place one remains.
+
+    Parameters
+    ----------
+    corners
+        (N, 3) corners of a polygon in order.
+    tolerance
+        How far they may be off that line.
+
+    Returns
+    -------
+    FloatArray
+        (M, 3) what remains; fewer than three when nothing but a line was given.
+    """
+    kept, k, unchanged = list(corners), 0, 0
+    while len(kept) >= 3 and unchanged < len(kept):
+        k %= len(kept)
+        before, here, after = kept[k - 1], kept[k], kept[(k + 1) % len(kept)]
+        chord, arm = after - before, here - before
+        length = np.linalg.norm(chord)
+        height = np.linalg.norm(np.cross(chord, arm)) / length if length > 0 else 0.0
+        if height <= tolerance:
+            del kept[k]
+            unchanged = 0
+        else:
+            k, unchanged = k + 1, unchanged + 1
+    return np.array(kept)
+
+
 def clip_polygons(polygons: FloatArray, normal: FloatArray) -> tuple[FloatArray, IntArray]:
     """Cut many convex polygons at a plane through the origin and keep what is in front.
 

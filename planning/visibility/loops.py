@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from lenscal.arrays import BoolArray, FloatArray, IntArray
-from planning.polygons import area_vectors
+from planning.polygons import area_vectors, without_straight_corners
 
 #: How far, as a share of the size of all vertices, a corner may be off the plane of its face.
 _FLAT: Final = 1e-11
@@ -102,7 +102,7 @@ def flat_faces(vertices: FloatArray, faces: IntArray) -> list[FlatFace]:
         loops = [
             corners
             for loop in _loops(vertices, faces[group], normal)
-            if len(corners := _without_straight_corners(vertices[loop], tolerance)) >= 3
+            if len(corners := without_straight_corners(vertices[loop], tolerance)) >= 3
         ]
         found += _with_holes(loops, normal)
     return found
@@ -233,23 +233,6 @@ def _loops(vertices: FloatArray, faces: IntArray, normal: FloatArray) -> list[li
 
 def _angle(direction: FloatArray) -> float:
     return float(np.arctan2(direction[1], direction[0]))
-
-
-def _without_straight_corners(corners: FloatArray, tolerance: float) -> FloatArray:
-    """One after the other, so that of two corners at one place one remains."""
-    kept, k, unchanged = list(corners), 0, 0
-    while len(kept) >= 3 and unchanged < len(kept):
-        k %= len(kept)
-        before, here, after = kept[k - 1], kept[k], kept[(k + 1) % len(kept)]
-        chord, arm = after - before, here - before
-        length = np.linalg.norm(chord)
-        height = np.linalg.norm(np.cross(chord, arm)) / length if length > 0 else 0.0
-        if height <= tolerance:
-            del kept[k]
-            unchanged = 0
-        else:
-            k, unchanged = k + 1, unchanged + 1
-    return np.array(kept)
 
 
 def _with_holes(loops: list[FloatArray], normal: FloatArray) -> list[FlatFace]:

@@ -231,6 +231,29 @@ def test_order_and_splitting_of_faces_change_nothing(seed: int) -> None:
     np.testing.assert_allclose(volumes, volumes[0], atol=1e-9 * space.volume_mm3)
 
 
+@settings(max_examples=6, deadline=None)
+@given(st.integers(0, 1000))
+def test_the_order_of_bodies_changes_nothing(seed: int) -> None:
+    """Touching and overlapping boxes, a ring and bare faces, in any order."""
+    generator = np.random.default_rng(seed)
+    corners = generator.uniform((-20, -20, 4), (15, 15, 25), (6, 3))
+    boxes = [trimesh.creation.box(bounds=[c, c + generator.uniform(1, 6, 3)]) for c in corners]
+    beside = boxes[0].copy().apply_translation([boxes[0].extents[0], 0, 0])
+    ring = trimesh.creation.torus(14, 3, major_sections=8, minor_sections=6)
+    ring.apply_translation([0, 5, 24])
+    sheet = trimesh.Trimesh([[-9, 0, 9], [9, 1, 9], [0, 9, 11]], [[0, 1, 2]], process=False)
+    meshes = [*boxes, beside, ring, sheet]
+    target, space = Target(100 * SQUARE), box_workspace((-50, -50, 0), (50, 50, 100))
+    volumes = [
+        visibility_region(
+            Scene([meshes[k] for k in order], as_faces=True), target, space, method, 0
+        ).volume_mm3
+        for method in ("direct", "decomposition")
+        for order in (range(len(meshes)), generator.permutation(len(meshes)))
+    ]
+    np.testing.assert_allclose(volumes, volumes[0], atol=1e-9 * space.volume_mm3)
+
+
 def test_pieces_are_nearest_first_and_only_what_can_hide(bench) -> None:
     """A wall is cut at the plane of the target; the block below and faces that face away drop."""
     wall = bench.box((-5, 5, -5), (5, 6, 10))

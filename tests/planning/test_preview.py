@@ -214,5 +214,6 @@ def test_evidence_is_kept(example, region, tmp_path) -> None:
     body = read_document(path, "visibility region", 1)
     assert body["audit"]["disagreements"] == 0
     assert body["region"]["volume_mm3"] == region.volume_mm3
+    assert body["region"]["scene_digest"] == example.scene.digest
     assert [b["name"] for b in body["bodies"]] == ["block", "enclosure"]
     assert body["made_with"].startswith("lenscal ")
