@@ -268,6 +268,21 @@ def test_a_mesh_that_the_library_alters_is_refused(bench, monkeypatch) -> None:
         to_manifold("lid", cube.vertices, cube.faces)
 
 
+def test_a_mesh_that_the_library_alters_is_taken_over_when_shaken(bench, monkeypatch) -> None:
+    """A library that loses half of what has a corner at exactly (1, 1, 1)."""
+    library = planning.boolean.Manifold
+
+    def losing(mesh):
+        exact = (np.asarray(mesh.vert_properties) == 1).all(axis=1).any()
+        return library(mesh).scale([0.5 if exact else 1.0, 1, 1])
+
+    monkeypatch.setattr(planning.boolean, "Manifold", losing)
+    cube = bench.box((0, 0, 0), (1, 1, 1))
+    solid = to_manifold("lid", cube.vertices, cube.faces)
+    assert solid.volume() == pytest.approx(1, abs=1e-11)
+    assert abs(np.array(solid.bounding_box()) - [0, 0, 0, 1, 1, 1]).max() <= 1e-12
+
+
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(-3, 3))
 def test_membership_and_distance_in_a_cube(x: float, y: float, z: float) -> None:
