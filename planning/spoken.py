@@ -12,7 +12,7 @@ import numpy as np
 from lenscal.arrays import FloatArray
 from lenscal.errors import GeometryError, InputError, UnitError
 from lenscal.units import MM_PER_UNIT, parse_length_mm
-from planning.mesh_file import read_bodies
+from planning.mesh_file import FILE_TYPES, read_bodies
 from planning.picking import flat_faces
 from planning.scene import Scene
 from planning.solid import Solid, box_workspace
@@ -100,6 +100,11 @@ def spoken_workspace(
                 f"a workspace is one solid, but {file} holds {len(bodies)}; unite them"
             )
         return Solid.closed(f"the workspace {file}", bodies[0].vertices_mm, bodies[0].faces), ""
+    if text.rpartition(".")[2].lower() in FILE_TYPES:
+        raise InputError(
+            f"the mesh {text} as a workspace has no unit; write it behind a colon, such as "
+            f"'{text}:mm'"
+        )
     corners = _lengths_mm(text, 6, "--workspace")
     return box_workspace(corners[:3], corners[3:]), ""
 

@@ -84,6 +84,8 @@ def test_workspaces(plate, tmp_path, bench) -> None:
 
 
 def test_workspaces_that_are_none(plate, tmp_path, bench) -> None:
+    with pytest.raises(InputError, match="reach.stl as a workspace has no unit"):
+        spoken_workspace("reach.stl", plate, ())
     with pytest.raises(InputError, match="--workspace needs 6 numbers .* but '1,2 mm'"):
         spoken_workspace("1,2 mm", plate, ())
     two = bench.scene(bench.block, bench.box((9, 9, 9), (10, 10, 10)))
