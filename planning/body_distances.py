@@ -7,6 +7,8 @@ where they may be nearer still.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -24,6 +26,10 @@ _BOUNDED: Final = 4_096
 _SETTLED: Final = 400_000
 #: What is nearer by less is as near.
 _ROUNDING_MM: Final = 1e-9
+
+
+#: States, places, faces, and lower bounds of their distance in mm.
+_Chosen = tuple[IntArray, IntArray, IntArray, FloatArray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,37 +115,66 @@ def distances_mm(piece: Piece, faces: FloatArray, places: Places, enough_mm: flo
     return found
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidates:
+    """Places and faces that are not known to be far enough; few enough to stay in the cache.
+
+    Parameters
+    ----------
+    place, face
+        (P,) pairs, in the order of places.
+    bounds
+        (S, P) lower bounds of their distance in mm; what is measured becomes infinite.
+    """
+
+    place: IntArray
+    face: IntArray
+    bounds: FloatArray
+
+    def nearest(self, enough_mm: float) -> _Chosen:
+        """Take out, for each place and state, what seems to be nearest."""
+        starts = np.flatnonzero(np.diff(self.place, prepend=-1))
+        lowest = np.minimum.reduceat(self.bounds, starts, axis=1)
+        of_place = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(self.place)))
+        state, pair = np.nonzero(
+            (self.bounds == lowest.take(of_place, 1)) & (self.bounds < enough_mm)
+        )
+        # Of several that are as near, the first.
+        place = self.place[pair]
+        first = (np.diff(place, prepend=-1) != 0) | (np.diff(state, prepend=-1) != 0)
+        chosen = self._chosen(state[first], pair[first])
+        self.bounds[state[first], pair[first]] = np.inf
+        return chosen
+
+    def below(self, limits: FloatArray) -> _Chosen:
+        """Choose what may be nearer than limits, (S, N)."""
+        return self._chosen(*np.nonzero(self.bounds < limits.take(self.place, 1)))
+
+    def _chosen(self, state: IntArray, pair: IntArray) -> _Chosen:
+        return state, self.place[pair], self.face[pair], self.bounds[state, pair]
+
+
 def _settled(piece: Piece, faces: FloatArray, places: Places, enough_mm: float) -> FloatArray:
     count, states = places.origins_mm.shape[1], len(places.shifts_mm)
     found = np.full((states, count), np.inf)
-    place, face, bounds = _candidates(piece, faces, places, enough_mm)
-    if not len(place):
+    candidates = list(_candidates(piece, faces, places, enough_mm))
+    if not candidates:
         return found
 
-    def shifted(state: IntArray, pair: IntArray) -> FloatArray:
-        corners = places.in_camera(faces, place[pair], face[pair])
+    def gathered(chosen: list[_Chosen]) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Numbers of place and state, corners, and bounds."""
+        state, place, face, known = (np.concatenate(column) for column in zip(*chosen, strict=True))
+        corners = places.in_camera(faces, place, face)
         corners += places.shifts_mm[state].T
-        return corners
+        return state * count + place, corners, known
 
-    starts = np.flatnonzero(np.diff(place, prepend=-1))
-    of_place = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(place)))
-    lowest = np.minimum.reduceat(bounds, starts, axis=1)
     # First, in each place and state, what seems to be nearest.
-    state, pair = np.nonzero((bounds == lowest.take(of_place, 1)) & (bounds < enough_mm))
-    group = state * count + place[pair]
-    first = np.diff(group, prepend=-1) > 0
-    state, pair, group = state[first], pair[first], group[first]
-    flat = found.reshape(-1)
-    flat[group], direction = separation_mm(
-        piece, shifted(state, pair), group, enough_mm, bounds[state, pair]
-    )
-    bounds[state, pair] = np.inf
-    directions = np.zeros((3, found.size))
-    directions[:, group] = direction
+    group, corners, known = gathered([some.nearest(enough_mm) for some in candidates])
+    flat, directions = found.reshape(-1), np.zeros((3, found.size))
+    flat[group], directions[:, group] = separation_mm(piece, corners, group, enough_mm, known)
     # Then what may be nearer still, one by one: not what lies beyond in a direction that was found.
-    limit = np.minimum(found.take(place[starts], 1), enough_mm)
-    state, pair = np.nonzero(bounds < limit.take(of_place, 1))
-    group, corners, known = state * count + place[pair], shifted(state, pair), bounds[state, pair]
+    limits = np.minimum(found, enough_mm)
+    group, corners, known = gathered([some.below(limits) for some in candidates])
     while len(group):
         direction = directions[:, group]
         gap = gap_mm(piece, corners, direction)
@@ -158,22 +193,21 @@ def _settled(piece: Piece, faces: FloatArray, places: Places, enough_mm: float) 
 
 def _candidates(
     piece: Piece, faces: FloatArray, places: Places, enough_mm: float
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """Places and faces that are not known to be far enough, and (S, P) lower bounds in mm."""
-    shifts = places.shifts_mm
-    found = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((len(shifts), 0)))]
+) -> Iterator[_Candidates]:
     step = max(1, _LOOKED_AT // faces.shape[2])
     for begin in range(0, places.origins_mm.shape[1], step):
         block = places.some(slice(begin, begin + step))
         near, of = _near(piece, faces, block, enough_mm)
-        for start in range(0, len(near), _BOUNDED):
-            place, face = near[start : start + _BOUNDED], of[start : start + _BOUNDED]
-            corners = block.in_camera(faces, place, face)
-            bounds = _bounds(piece, corners, shifts)
+        # All faces of a place stay together.
+        starts = np.flatnonzero(np.diff(near, prepend=-1))
+        wanted = np.searchsorted(starts, np.arange(0, len(near), _BOUNDED))
+        cuts = starts[np.unique(wanted[wanted < len(starts)])]
+        for start, stop in itertools.pairwise([*cuts, len(near)]):
+            place, face = near[start:stop], of[start:stop]
+            bounds = _bounds(piece, block.in_camera(faces, place, face), places.shifts_mm)
             kept = np.flatnonzero(bounds.min(axis=0) < enough_mm)
-            found.append((place[kept] + begin, face[kept], bounds[:, kept]))
-    place, face = (np.concatenate([part[k] for part in found]) for k in range(2))
-    return place, face, np.concatenate([part[2] for part in found], axis=1)
+            if len(kept):
+                yield _Candidates(place[kept] + begin, face[kept], bounds[:, kept])
 
 
 def _near(
