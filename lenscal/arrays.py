@@ -43,7 +43,7 @@ def frozen_array(
     """
     try:
         # What is frozen already, and is no window on something that is not, needs no copy.
-        frozen = isinstance(value, np.ndarray) and not value.flags.writeable and value.base is None
+        frozen = isinstance(value, np.ndarray) and value.base is None and not value.flags.writeable
         array = (np.asarray if frozen else np.array)(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(
