@@ -255,7 +255,7 @@ def test_plan_without_a_viewpoint_is_an_error(folder) -> None:
         TASK.replace('high = ["30 cm", "80 cm", "1 m"]', 'high = ["30 cm", "80 cm", "9 cm"]')
     )
     with pytest.raises(
-        PlanningError, match="no viewpoint: workspace: no view in it .* is in .*dark.json"
+        PlanningError, match="no viewpoint: workspace: no view satisfies .* is in .*dark.json"
     ):
         run(cli.plan, path, "-o", folder / "dark.json")
 
