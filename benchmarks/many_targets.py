@@ -168,8 +168,10 @@ def draw(
     whole = np.array([row["each_ms"] * row["targets"] / 1e3 for row in by_targets])
     left.loglog(count, whole, "ko-", label="all")
     left.loglog(count, whole[0] * count / count[0], "k:", label="∝ targets")
-    left.set(xlabel="targets", ylabel="CPU s", xticks=count, xticklabels=count)
-    left.set_title(f"{by_targets[0]['faces']:.0f} faces")
+    left.set(xlabel="targets", ylabel="CPU s", xticks=count)
+    left.set_xticklabels([f"{c:.0f}" for c in count])
+    left.set_ylim(0.5, 400)
+    left.set_title(f"{by_targets[0]['faces']:,.0f} faces")
     for rows, colour, label in (
         (by_faces, "#d55e00", "finer everywhere"),
         (by_faces_elsewhere, "black", "finer where no target is"),
@@ -177,13 +179,15 @@ def draw(
         faces = np.array([row["faces"] for row in rows])
         each = np.array([row["each_ms"] for row in rows])
         right.semilogx(faces, each, "o-", color=colour, label=label)
-    right.semilogx(faces, each[0] * np.log(faces) / np.log(faces[0]), "k:", label="∝ log faces")
-    right.set(xlabel="faces", ylabel="CPU ms per target", ylim=(0, None), xticks=faces)
-    right.set_xticklabels([f"{f:.0f}" for f in faces])
+    faces = np.array([row["faces"] for row in by_faces])
+    least = by_faces[0]["each_ms"]
+    right.semilogx(faces, least * np.log(faces) / np.log(faces[0]), "k:", label="∝ log faces")
+    right.set(xlabel="faces", ylabel="CPU ms per target", ylim=(0, 750), xticks=faces)
+    right.set_xticklabels([f"{f:,.0f}" for f in faces])
     right.set_title(f"{by_faces[0]['targets']:.0f} targets")
     for axes in (left, right):
         axes.minorticks_off()
-        axes.legend(frameon=False)
+        axes.legend(frameon=False, loc="upper left")
         axes.grid(alpha=0.3)
     figure.savefig(out, dpi=120)
 

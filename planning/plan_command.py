@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Final
 import click
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from lenscal.progress import ProgressMaker
     from planning.placement import Placeable
     from planning.planner import Plan
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 _FILE = click.Path(path_type=Path, dir_okay=False)
 #: Names of targets that stand in a row of the table; the others are counted.
 _NAMED: Final = 4
+#: Up to how many targets the margins of each are shown; the plan's file has them in any case.
+_ONE_BY_ONE: Final = 20
 
 
 @click.command()
@@ -145,6 +149,8 @@ def _show_covering(found: CoveringPlan, took_s: float) -> None:
     )
     table.columns[-1].justify = "left"
     Console().print(table)
+    if len(found.plans) <= _ONE_BY_ONE:
+        Console().print(_margins_by_target(found))
     cover, route = found.cover, found.route
     covered, count = len(found.plans) - len(found.uncovered), len(found.viewpoints)
     click.echo(
@@ -157,8 +163,27 @@ def _show_covering(found: CoveringPlan, took_s: float) -> None:
         + (", the shortest" if route.is_shortest else "")
         + f"; planned in {took_s:.1f} s"
     )
-    for name, why in found.uncovered.items():
-        click.echo(f"not covered: {name}: {why}")
+    for why, left_out in found.reasons.items():
+        click.echo(f"not covered: {_short(', '.join(left_out))}: {why}")
+
+
+def _margins_by_target(found: CoveringPlan) -> Table:
+    """Every target beside the viewpoints that cover it."""
+    from planning.viewpoint_table import margin_columns, viewpoint_table
+
+    covered = found.coverage
+    columns = (*margin_columns(covered), "visibility_margin_mm", "probability", "smallest_margin")
+    table = viewpoint_table(
+        "Margins, as shares of what is asked",
+        covered,
+        columns,
+        before={
+            "": [str(number) for number in covered["viewpoint"]],
+            "target": [found.tasks[target].name for target in covered["target"]],
+        },
+    )
+    table.columns[1].justify = "left"
+    return table
 
 
 def _short(targets: str) -> str:

@@ -106,11 +106,19 @@ class CoveringPlan:
         return {plan.task.name: plan.why_empty for plan in plans}
 
     @property
+    def reasons(self) -> dict[str, list[str]]:
+        """The reasons why targets are not covered, and the names of the targets."""
+        found: dict[str, list[str]] = {}
+        for name, why in self.uncovered.items():
+            found.setdefault(why, []).append(name)
+        return found
+
+    @property
     def why_empty(self) -> str:
         """Why there is no viewpoint at all; empty when there are some."""
         if len(self.viewpoints):
             return ""
-        reasons = "; ".join(f"{name}: {why}" for name, why in self.uncovered.items())
+        reasons = "; ".join(f"{', '.join(names)}: {why}" for why, names in self.reasons.items())
         return f"none of the {len(self.plans)} targets can be seen as asked; {reasons}"
 
     @property

@@ -284,11 +284,13 @@ class LensMap(PupilQuantities):
         distances = self.image_distance_mm(zoom, focus)
         known = {name: self.value(name, zoom, focus) for name in self.camera_surfaces}
         centre = self.sensor.centre_px
-        distances, k1, x, y = np.broadcast_arrays(
-            distances,
-            known.get("k1_per_mm2", 0.0),
-            known.get("principal_point_x_px", centre[0]),
-            known.get("principal_point_y_px", centre[1]),
+        k1, x, y = (
+            np.broadcast_to(known.get(name, unmapped), distances.shape)
+            for name, unmapped in (
+                ("k1_per_mm2", 0.0),
+                ("principal_point_x_px", centre[0]),
+                ("principal_point_y_px", centre[1]),
+            )
         )
         return Cameras(
             self.sensor,

@@ -195,6 +195,8 @@ def test_plan_covers_several_targets(folder) -> None:
     assert "at -6, at 6" in done.output
     assert "2 of 3 targets by 1 viewpoint of" in done.output
     assert "tried, the fewest that do\ntravel 0 mm, the shortest; planned in" in done.output
+    assert "Margins, as shares of what is asked" in done.output
+    assert done.output.count("at -6") == 2
     assert "not covered: floor: no setting of this lens" in done.output
     body = read_document(folder / "covering.json", "covering-plan", 1)
     assert body["viewpoints"][0]["targets"] == "at -6, at 6"
@@ -205,7 +207,7 @@ def test_plan_covers_several_targets(folder) -> None:
 def test_plan_of_several_targets_without_a_viewpoint_is_an_error(folder) -> None:
     text = SEVERAL.replace("pixels = 3", "pixels = 90").replace('"9 mm"', '"0.1 mm"')
     (folder / "none.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(PlanningError, match="no viewpoint: none of the 2 targets can be seen as"):
+    with pytest.raises(PlanningError, match="none of the 2 targets .*; at -6, at 6: no set"):
         run(cli.plan, folder / "none.toml", "-o", folder / "none.json")
 
 
