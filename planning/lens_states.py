@@ -107,8 +107,8 @@ class LensStates:
         Returns
         -------
         LensStates
-            With the projection centre where the map knows the nodal offset, and the entrance pupil
-            where it knows that.
+            With the projection centre where the map knows the nodal offset, its lateral wander
+            included where that is mapped, and the entrance pupil where it knows that.
 
         Raises
         ------

@@ -132,7 +132,11 @@ def validate(
             )
         )
     else:
-        click.echo("\n".join([*_summary_lines(summary, folds), "", *_flag_lines(consistency)]))
+        click.echo(
+            "\n".join(
+                [*_summary_lines(summary, folds, len(validation)), "", *_flag_lines(consistency)]
+            )
+        )
     if figure is not None:
         from matplotlib.figure import Figure
 
@@ -170,8 +174,15 @@ def _records(frame: pd.DataFrame) -> list[dict[str, Any]]:
     ]
 
 
-def _summary_lines(summary: pd.DataFrame, folds: int | None) -> list[str]:
+def _summary_lines(summary: pd.DataFrame, folds: int | None, count: int) -> list[str]:
     how = "each setting by all others" if folds is None else f"in {folds} folds"
+    if summary.empty:
+        what = "calibrate more settings, several focus settings at each of several zooms"
+        return [
+            f"Prediction errors, {how}: nothing can be validated",
+            f"  without a setting the rest of the {count} do not determine a surface that tells it",
+            f"  {what}{'' if folds is None else ', or deal them into more folds'}",
+        ]
     lines = [
         f"Prediction errors, {how} (edge: by extrapolation)",
         f"{'quantity':22s} {'where':6s} {'settings':>8s} {'rms':>12s} {'worst':>12s} "

@@ -102,6 +102,7 @@ def common_sensor_checked(exported: list[ExportedSetting]) -> list[ExportedSetti
     if len(sensors) > 1:
         raise InputError(
             f"the settings have {len(sensors)} different sensors, but the format holds one for "
-            "all; export them one sensor at a time"
+            "all; export them one sensor at a time, or, where the scale factor was mapped, fit "
+            "the map to a table without the column scale_factor, so that one stands for all"
         )
     return exported

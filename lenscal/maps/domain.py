@@ -146,8 +146,9 @@ class Domain:
 class _Slabs:
     """A polygon cut at the zoom of each corner: between two cuts its inside is a few intervals.
 
-    Interval k of slab m runs from ``low[k, m]`` to ``high[k, m]`` in focus at the first cut, with
-    the slopes given; slabs of fewer intervals are filled up with empty ones.
+    Interval k of slab m runs from ``low[k, m]`` to ``high[k, m]`` in focus, with the slopes given;
+    these are where its sides, made longer, meet the first cut of all. Slabs of fewer intervals are
+    filled up with empty ones.
     """
 
     cuts: FloatArray  # (M + 1,)
@@ -177,7 +178,7 @@ class _Slabs:
             for m in range(i, j):
                 slope = (b[1] - a[1]) / (b[0] - a[0])
                 middle = (cuts[m] + cuts[m + 1]) / 2
-                at_cut = a[1] + slope * (cuts[m] - a[0])
+                at_cut = a[1] + slope * (cuts[0] - a[0])
                 slabs[m].append((a[1] + slope * (middle - a[0]), at_cut, slope))
         count = max(map(len, slabs))
         sides = np.full((count, 2, len(slabs)), np.nan)
@@ -199,11 +200,14 @@ class _Slabs:
         inner = self.cuts[1:-1]
         if len(inner) > _MANY_CUTS:
             return np.asarray(np.searchsorted(inner, zooms, side="right"))
-        return np.asarray(sum((zooms >= cut for cut in inner), np.zeros(zooms.shape, np.int64)))
+        found = np.zeros(zooms.shape, np.uint16)
+        for cut in inner:
+            found += zooms >= cut
+        return found.astype(np.int64)
 
     def contain(self, zooms: FloatArray, focuses: FloatArray, slab: IntArray) -> BoolArray:
         """(...) whether settings are inside, each seen from the slab given."""
-        beyond = zooms - self.cuts[slab]
+        beyond = zooms - self.cuts[0]
         inside = np.zeros(zooms.shape, dtype=bool)
         for low, low_slope, high, high_slope in zip(
             self.low, self.low_slope, self.high, self.high_slope, strict=True

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from lenscal.arrays import FloatArray, frozen_array
 from lenscal.errors import InputError, OutOfDomainError
 from lenscal.maps.domain import Domain
-from lenscal.maps.quantities import CAMERA_QUANTITIES, core_surfaces, from_logarithms
+from lenscal.maps.quantities import SINGLE, core_surfaces, from_logarithms, single_value
 from lenscal.maps.surface import Surfaces
 
 if TYPE_CHECKING:
@@ -103,8 +103,8 @@ def value_at(
     """
     surfaces, only = _surfaces(lens_map, quantity)
     found = surfaces.value(zooms, focuses, only=only)
-    if quantity in CAMERA_QUANTITIES:
-        return np.asarray(found[..., 0])
+    if quantity in SINGLE:
+        return single_value(quantity, np.asarray(found[..., 0]))
     return np.asarray(from_logarithms(quantity, found)[0])
 
 
@@ -135,7 +135,7 @@ def slopes_at(
     """
     surfaces, only = _surfaces(lens_map, quantity)
     slopes = [surfaces.value(zooms, focuses, _ORDERS[m], only=only) for m in motors]
-    if quantity in CAMERA_QUANTITIES:
+    if quantity in SINGLE:
         return [np.asarray(slope[..., 0]) for slope in slopes]
     weights = from_logarithms(quantity, surfaces.value(zooms, focuses, only=only))[1]
     return [np.asarray(sum(w * s[..., i] for i, w in enumerate(weights))) for s in slopes]
@@ -161,10 +161,11 @@ def variance_at(
         (...), not negative.
     """
     surfaces, only = _surfaces(lens_map, quantity)
-    covariance = surfaces.covariance_at(zooms, focuses, only=only)
-    if quantity in CAMERA_QUANTITIES:
+    if quantity in SINGLE:
+        covariance = surfaces.covariance_at(zooms, focuses, only=only)
         return np.maximum(covariance[..., 0, 0], 0.0)
-    weights = from_logarithms(quantity, surfaces.value(zooms, focuses, only=only))[1]
+    logarithms, covariance = surfaces.with_covariance(zooms, focuses, only=only)
+    weights = from_logarithms(quantity, logarithms)[1]
     variance = sum(
         (1 + (a != b)) * weights[a] * weights[b] * covariance[..., a, b]
         for a in range(len(weights))
@@ -175,7 +176,7 @@ def variance_at(
 
 def _surfaces(lens_map: LensMap, quantity: str) -> tuple[Surfaces, tuple[int, ...]]:
     """Surfaces that a quantity is made of, and which of them."""
-    if quantity in CAMERA_QUANTITIES:
-        return lens_map.camera_surfaces[quantity], (0,)
+    if quantity in SINGLE:
+        return lens_map.single_surfaces[quantity], (0,)
     core = lens_map.core
     return core, core_surfaces(quantity, core.coefficients.shape[2])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,7 +17,7 @@ from lenscal.maps.domain import Domain
 from lenscal.maps.lens_map import LensMap
 from lenscal.maps.pupil import PupilMap
 from lenscal.maps.pupil_fit import PUPIL_COLUMNS, fit_pupil_of_table
-from lenscal.maps.quantities import CAMERA_QUANTITIES, CORE, CORE_WITHOUT_DISTANCE
+from lenscal.maps.quantities import CORE, CORE_WITHOUT_DISTANCE, SINGLE, varies
 from lenscal.maps.strip import Strip
 from lenscal.maps.surface import Surfaces
 from lenscal.maps.tame_surfaces import (
@@ -32,10 +33,13 @@ if TYPE_CHECKING:
     from lenscal.calibration.table import CalibrationTable
 
 _SETTING: Final = ("zoom", "focus")
-#: What ln D is of ln d/D, of ln standoff, and of the spline that stands for it: D itself; d, where
+#: What ln D is of ln d/D, of the spline that stands for it, and of ln standoff: D itself; d, where
 #: d/D and D bend alike and d does not; D / standoff, where D and the standoff bend alike. The
 #: others are known so much better than D that what is known of them helps it.
-_OF_DISTANCE: Final = ((0.0, 0.0), (-1.0, 0.0), (0.0, 1.0))
+_OF_DISTANCE: Final = ((0.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (0.0, 1.0, 1.0))
+#: What ln d/D is of the splines where the first stands for d/D · standoff: where a strip bends
+#: between samples, or the autofocus stopped, both are off by one factor, which drops out.
+_RATIO_BY_STANDOFF: Final = (1.0, 0.0, -1.0)
 _POSITIVE: Final = (*CORE, *CORE_WITHOUT_DISTANCE)
 
 
@@ -55,7 +59,8 @@ def fit_lens_map(
     table
         A calibration table, or a frame with the columns zoom, focus, magnification and
         object_distance_mm; and, as far as they are known, standoff_mm, principal_point_x_px,
-        principal_point_y_px, k1_per_mm2, sigma_<quantity>, sigma_sharpest_mm (of the autofocus) and
+        principal_point_y_px, k1_per_mm2, scale_factor, nodal_x_mm, nodal_y_mm,
+        sharpest_confidence, sigma_<quantity>, sigma_sharpest_mm (of the autofocus) and
         cov_magnification_object_distance_mm. An absent covariance counts as zero, an absent σ is
         estimated from the scatter, and the notes of the map say so. Where neither d/D nor D is
         known at any setting, image_distance_mm is enough: the map then tells d and the camera.
@@ -97,36 +102,40 @@ def fit_lens_map(
     if covariances is None:
         covariances = np.tile(np.eye(len(names)), (len(zoom), 1, 1))
     logarithms = np.log(samples[list(names)].to_numpy(float))
-    powers, mixing, roughening = (
-        chosen.get(f"core_{key}") for key in ("powers", "mixing", "roughening")
+    stated = [chosen.get(f"core_{key}") for key in ("powers", "mixing", "roughening")]
+    tried: list[list[Any]] = [stated]
+    if stated[0] is None:
+        tried = _coordinates(zoom, focus, logarithms, covariances, unknown)
+    core = min(
+        (
+            fit_tame_surfaces(
+                zoom,
+                focus,
+                logarithms,
+                covariances,
+                estimate_noise=unknown,
+                log_smoothing=chosen.get("core"),
+                powers=powers,
+                mixing=mixing,
+                roughening=roughening,
+            )
+            for powers, mixing, roughening in tried
+        ),
+        key=lambda surfaces: surfaces.criterion,
     )
-    if powers is None:
-        powers, mixing, roughening = _coordinates(zoom, focus, logarithms, covariances, unknown)
-    core = fit_tame_surfaces(
-        zoom,
-        focus,
-        logarithms,
-        covariances,
-        estimate_noise=unknown,
-        log_smoothing=chosen.get("core"),
-        powers=powers,
-        mixing=mixing,
-        roughening=roughening,
-    )
-    camera_surfaces = {
-        name: _single_surface(samples, name, chosen.get(name))
-        for name in CAMERA_QUANTITIES
-        if name in samples and samples[name].notna().all()
-    }
+    single_surfaces, single_notes = _single_surfaces(samples, chosen)
+    if sensor is not None and "scale_factor" in single_surfaces:
+        # What knows one sensor for all settings should know a scale factor that goes with them.
+        sensor = replace(sensor, scale_factor=float(samples["scale_factor"].mean()))
     pupil, pupil_notes = _pupil(samples, pupil_samples, chosen.get("pupil"))
     return LensMap(
         samples=samples,
         core=core,
-        camera_surfaces=camera_surfaces,
+        single_surfaces=single_surfaces,
         domain=Domain.around(zoom, focus),
         sensor=sensor,
         reference_setting=reference_setting,
-        notes=(*notes, *pupil_notes),
+        notes=(*notes, *single_notes, *pupil_notes),
         pupil=pupil,
         pupil_samples=pupil_samples,
         identity=dict(identity or {}),
@@ -139,8 +148,8 @@ def _coordinates(
     logarithms: FloatArray,
     covariances: FloatArray,
     unknown: bool,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Powers, mixing and roughening with which the data are most likely.
+) -> list[list[Any]]:
+    """Powers, mixing and roughening with which the data may be most likely; all together decide.
 
     Logarithms will do for a few samples on a grid, which could not tell; a strip runs into
     distances where they fall off a cliff. D given the standoff is as likely as D / standoff given
@@ -148,16 +157,16 @@ def _coordinates(
     """
     count = logarithms.shape[1]
     if len(zoom) < ENOUGH_TO_TELL and Strip.through(zoom, focus).ends is None:
-        return np.zeros(count), np.eye(count), np.zeros((count, 2))
+        return [[np.zeros(count), np.eye(count), np.zeros((count, 2))]]
     powers, roughening, criteria = tame_coordinates(
         zoom, focus, logarithms, covariances, estimate_noise=unknown
     )
     if count == 1:
-        return powers, np.eye(1), roughening
+        return [[powers, np.eye(1), roughening]]
     chosen, least = np.eye(count), float(criteria[1])
-    for by_ratio, by_standoff in _OF_DISTANCE[1 : None if count == 3 else 2]:
+    for row in _OF_DISTANCE[1:count]:
         mixing = np.eye(count)
-        mixing[1, [0, -1]] = by_ratio, by_standoff if count == 3 else 1.0
+        mixing[1] = row[:count]
         values, spread, _ = unmix(logarithms, covariances, mixing)
         power, growth, criterion = tame_coordinates(
             zoom,
@@ -170,7 +179,20 @@ def _coordinates(
         if criterion[0] < least:
             chosen, least = mixing, float(criterion[0])
             powers[1], roughening[1] = power[0], growth[0]
-    return powers, chosen, roughening
+    first = [powers, chosen, roughening]
+    if count == 2 or Strip.through(zoom, focus).ends is None:
+        return [first]
+    # d/D · standoff is known so much better than either that only the joint fit can tell whether
+    # it is the better spline.
+    by_standoff = np.eye(count)
+    by_standoff[0] = _RATIO_BY_STANDOFF
+    mixing = chosen @ by_standoff
+    values, spread, _ = unmix(logarithms, covariances, mixing)
+    power, growth, _ = tame_coordinates(
+        zoom, focus, values[:, :1], spread[:, :1, :1], estimate_noise=unknown
+    )
+    second = [np.append(power, powers[1:]), mixing, np.append(growth, roughening[1:], axis=0)]
+    return [first, second]
 
 
 def _pupil(
@@ -342,6 +364,22 @@ def _variance_without_autofocus(
         "the table has standoff_mm but neither sigma_standoff_mm nor sigma_sharpest_mm; state one "
         "of them, or leave standoff_mm out"
     )
+
+
+def _single_surfaces(
+    samples: pd.DataFrame, chosen: Mapping[str, Any]
+) -> tuple[dict[str, Surfaces], list[str]]:
+    """Fit the quantities that are surfaces of their own; those with gaps are named instead."""
+    surfaces, notes = {}, []
+    for name in (n for n in SINGLE if varies(samples, n)):
+        gaps = int(samples[name].isna().sum())
+        if gaps:
+            notes.append(
+                f"{name} is not mapped: it is unknown at {gaps} of {len(samples)} settings"
+            )
+        else:
+            surfaces[name] = _single_surface(samples, name, chosen.get(name))
+    return surfaces, notes
 
 
 def _single_surface(samples: pd.DataFrame, name: str, log_smoothing: Any) -> Surfaces:

@@ -19,7 +19,7 @@ from lenscal.arrays import BoolArray, FloatArray, frozen_array
 from lenscal.errors import InputError, MapError
 from lenscal.maps.evaluation import value_at
 from lenscal.maps.map_grid import MapGrid, gradient_at, grid_over
-from lenscal.maps.quantities import CAMERA_QUANTITIES, from_core
+from lenscal.maps.quantities import SINGLE, from_core
 from lenscal.setting import LensSetting
 
 if TYPE_CHECKING:
@@ -323,16 +323,16 @@ def _joint_covariance(
 ) -> FloatArray:
     """(2, 2) covariance of two quantities of a map at one setting."""
     core = lens_map.core.value(zoom, focus)
-    from_camera = [quantity in CAMERA_QUANTITIES for quantity in quantities]
+    single = [quantity in SINGLE for quantity in quantities]
     weights = np.stack(
         [
             np.zeros(core.shape) if apart else from_core(quantity, core)[1]
-            for quantity, apart in zip(quantities, from_camera, strict=True)
+            for quantity, apart in zip(quantities, single, strict=True)
         ]
     )
     covariance = weights @ lens_map.core.covariance_at(zoom, focus) @ weights.T
-    for i in np.flatnonzero(from_camera):
+    for i in np.flatnonzero(single):
         # Surfaces of their own, fitted apart: not correlated with anything else.
-        surfaces = lens_map.camera_surfaces[quantities[i]]
+        surfaces = lens_map.single_surfaces[quantities[i]]
         covariance[i, i] = surfaces.covariance_at(zoom, focus)[0, 0]
     return np.asarray(covariance)

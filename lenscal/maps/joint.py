@@ -40,6 +40,8 @@ _SAMPLED: Final = (
     "principal_point_x_px",
     "principal_point_y_px",
     "k1_per_mm2",
+    "nodal_x_mm",
+    "nodal_y_mm",
 )
 
 
@@ -129,7 +131,7 @@ def _asked(
             )
         except DegenerateGeometryError:
             continue
-        rows.append(_row(record, summary))
+        rows.append(_row(record, summary, camera.sensor.scale_factor))
     return rows
 
 
@@ -155,7 +157,7 @@ def _camera(lens_map: LensMap, record: SettingRecord) -> Camera:
         return lens_map.camera_at(*(float(s) for s in settings[nearest]))
 
 
-def _row(record: SettingRecord, summary: SettingSummary) -> dict[str, float]:
+def _row(record: SettingRecord, summary: SettingSummary, scale_factor: float) -> dict[str, float]:
     """Write what a setting says as a sample of a map."""
     covariance = summary.covariance
     row: dict[str, float] = {
@@ -164,6 +166,8 @@ def _row(record: SettingRecord, summary: SettingSummary) -> dict[str, float]:
         "iris": np.nan if record.setting.iris is None else record.setting.iris,
         "rms_px": summary.rms_px,
         "corners": summary.corners,
+        # Corners were asked with it, not for it.
+        "scale_factor": scale_factor,
     }
     known = [name for name in _SAMPLED if name in summary.names]
     for name in known:
@@ -175,6 +179,7 @@ def _row(record: SettingRecord, summary: SettingSummary) -> dict[str, float]:
             row[f"cov_{a}_{b}"] = float(covariance[summary.names.index(a), summary.names.index(b)])
     if record.focus is not None:
         row["sigma_sharpest_mm"] = record.focus.sigma_mm
+        row["sharpest_confidence"] = record.focus.confidence
         if "standoff_mm" in known:
             total = np.hypot(row["sigma_standoff_mm"], record.focus.sigma_mm)
             row["sigma_standoff_mm"] = float(total)

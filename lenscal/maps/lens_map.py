@@ -9,7 +9,7 @@ most foreign files, ln d is the one surface, and the map says what it cannot tel
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, overload
 
@@ -26,7 +26,7 @@ from lenscal.maps.domain import Domain
 from lenscal.maps.evaluation import Motor, Outside, slopes_at, supported, value_at, variance_at
 from lenscal.maps.pupil import PupilMap
 from lenscal.maps.pupil_quantities import PupilQuantities
-from lenscal.maps.quantities import CAMERA_QUANTITIES, QUANTITIES
+from lenscal.maps.quantities import CAMERA_QUANTITIES, QUANTITIES, SINGLE
 from lenscal.maps.surface import Surfaces
 from lenscal.maps.tame_surfaces import TameSurfaces
 from lenscal.sensor import Sensor
@@ -55,8 +55,8 @@ class LensMap(PupilQuantities):
     core
         Surfaces of ln(d/D), ln D and, where the robot is known, ln standoff; or of ln d alone where
         the samples carry no object distance.
-    camera_surfaces
-        One surface each of `CAMERA_QUANTITIES` that were measured.
+    single_surfaces
+        One surface each of the quantities `lenscal.maps.quantities.SINGLE` that were measured.
     domain
         Where the map may be asked.
     sensor
@@ -75,7 +75,7 @@ class LensMap(PupilQuantities):
 
     samples: pd.DataFrame
     core: TameSurfaces
-    camera_surfaces: Mapping[str, Surfaces]
+    single_surfaces: Mapping[str, Surfaces]
     domain: Domain
     sensor: Sensor | None = None
     reference_setting: LensSetting | None = None
@@ -99,7 +99,7 @@ class LensMap(PupilQuantities):
         """Names of the quantities that this map can give."""
         robot = () if self.has_standoff else _OF_ROBOT
         distance = () if self.has_object_distance else _OF_DISTANCE
-        absent = {*robot, *distance, *(set(CAMERA_QUANTITIES) - set(self.camera_surfaces))}
+        absent = {*robot, *distance, *(set(SINGLE) - set(self.single_surfaces))}
         return tuple(name for name in QUANTITIES if name not in absent)
 
     def value(
@@ -246,7 +246,8 @@ class LensMap(PupilQuantities):
         Returns
         -------
         Camera
-            With image distance, and with principal point and κ1 where they were mapped.
+            With image distance, and with principal point, κ1 and the sensor's scale factor where
+            they were mapped.
 
         Raises
         ------
@@ -257,7 +258,11 @@ class LensMap(PupilQuantities):
             raise MapError(_NO_SENSOR)
         if np.isnan(self.image_distance_mm(zoom, focus, outside=outside)):
             return None
-        return self.cameras_at([zoom], [focus])[0]
+        camera = self.cameras_at([zoom], [focus])[0]
+        if "scale_factor" not in self.single_surfaces:
+            return camera
+        scale_factor = float(self.value("scale_factor", zoom, focus))
+        return replace(camera, sensor=replace(self.sensor, scale_factor=scale_factor))
 
     def cameras_at(self, zoom: npt.ArrayLike, focus: npt.ArrayLike) -> Cameras:
         """Give the cameras at many settings.
@@ -270,7 +275,8 @@ class LensMap(PupilQuantities):
         Returns
         -------
         Cameras
-            One per setting, as `camera_at` gives it.
+            One per setting, as `camera_at` gives it, save that the scale factor is one for all:
+            that of `sensor`.
 
         Raises
         ------
@@ -282,7 +288,11 @@ class LensMap(PupilQuantities):
         if self.sensor is None:
             raise MapError(_NO_SENSOR)
         distances = self.image_distance_mm(zoom, focus)
-        known = {name: self.value(name, zoom, focus) for name in self.camera_surfaces}
+        known = {
+            name: self.value(name, zoom, focus)
+            for name in CAMERA_QUANTITIES
+            if name in self.single_surfaces
+        }
         centre = self.sensor.centre_px
         k1, x, y = (
             np.broadcast_to(known.get(name, unmapped), distances.shape)

@@ -7,6 +7,7 @@ which are compared with those in the file.
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -41,7 +42,7 @@ def to_json(lens_map: LensMap) -> Json:
     dict
         The body of its file.
     """
-    surfaces = {"core": lens_map.core, **lens_map.camera_surfaces}
+    surfaces = {"core": lens_map.core, **lens_map.single_surfaces}
     if lens_map.pupil is not None:
         surfaces["pupil"] = lens_map.pupil.surface
     further = lens_map.pupil_samples
@@ -130,6 +131,9 @@ def load(path: Path | str) -> LensMap:
         pupil_samples=None if further is None else pd.DataFrame(further),
         identity=body.get("identity"),
     )
+    # A file says what was mapped when it was written, though its samples may tell more by now.
+    singles = {n: s for n, s in found.single_surfaces.items() if n in body["surfaces"]}
+    found = replace(found, single_surfaces=singles)
     for name, stated in body["surfaces"].items():
         mine, its = _surfaces(found, name, path).coefficients, np.array(stated["coefficients"])
         if mine.shape != its.shape or not np.allclose(mine, its, rtol=1e-6, atol=1e-9):
@@ -164,7 +168,7 @@ def _surfaces(lens_map: LensMap, name: str, path: Path | str) -> Surfaces:
     if name == "core":
         return lens_map.core
     if name != "pupil":
-        return lens_map.camera_surfaces[name]
+        return lens_map.single_surfaces[name]
     if lens_map.pupil is None:
         raise FileError(
             f"{path} disagrees with itself: it has an entrance pupil, but its samples give none; "

@@ -6,16 +6,18 @@ of its domain, which is what finds that border exactly; none of those values is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from lenscal.arrays import BoolArray, FloatArray, frozen_array
 from lenscal.errors import InputError
 from lenscal.maps.evaluation import slopes_at, value_at
-from lenscal.maps.quantities import CAMERA_QUANTITIES, from_core
+from lenscal.maps.quantities import all_from_core, single_value
+from lenscal.maps.tame_surfaces import TameSurfaces
 
 if TYPE_CHECKING:
     from lenscal.maps.lens_map import LensMap
@@ -61,14 +63,29 @@ def all_quantities(lens_map: LensMap, zoom: FloatArray, focus: FloatArray) -> Fl
     FloatArray
         (..., K), in the order of the map's quantities.
     """
-    core = lens_map.core.value(zoom, focus)
-    columns = [
-        lens_map.camera_surfaces[name].value(zoom, focus)[..., 0]
-        if name in CAMERA_QUANTITIES
-        else from_core(name, core)[0]
-        for name in lens_map.quantities
-    ]
-    return np.stack(columns, axis=-1)
+    found = _all_surfaces(lens_map).value(zoom, focus)
+    core = lens_map.core.coefficients.shape[2]
+    known = all_from_core(found[..., :core])
+    for place, name in enumerate(lens_map.single_surfaces, start=core):
+        known[name] = single_value(name, found[..., place])
+    return np.stack([known[name] for name in lens_map.quantities], axis=-1)
+
+
+@lru_cache(maxsize=4)
+def _all_surfaces(lens_map: LensMap) -> TameSurfaces:
+    """Core and single surfaces in one, without covariance: all are splines on the same knots."""
+    core, singles = lens_map.core, list(lens_map.single_surfaces.values())
+    count = len(singles)
+    return replace(
+        core,
+        coefficients=np.concatenate([s.coefficients for s in (core, *singles)], axis=2),
+        covariance=np.zeros((0, 0)),
+        log_smoothing=np.zeros((len(core.powers) + count, 2)),
+        roughening=np.zeros((len(core.powers) + count, 2)),
+        powers=np.append(core.powers, np.zeros(count)),
+        trends=np.append(core.trends, np.zeros((3, count)), axis=1),
+        mixing=block_diag(core.mixing, np.eye(count)),
+    )
 
 
 @dataclass(frozen=True, eq=False)

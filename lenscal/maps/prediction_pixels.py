@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -32,8 +33,9 @@ def pixel_errors(
     sensor
         The sensor of both.
     measured, predicted
-        (N,) values of image_distance_mm, and of object_distance_mm, principal point and κ1 where
-        they are known, by name. Without object distances both look at a target equally far away.
+        (N,) values of image_distance_mm, and of object_distance_mm, principal point, κ1 and
+        scale_factor where they are known, by name. Without object distances both look at a target
+        equally far away.
 
     Returns
     -------
@@ -73,7 +75,7 @@ def _one(
 def _camera(sensor: Sensor, values: Mapping[str, float]) -> Camera:
     centre = sensor.centre_px
     return Camera(
-        sensor,
+        replace(sensor, scale_factor=values.get("scale_factor", sensor.scale_factor)),
         values["image_distance_mm"],
         values.get("k1_per_mm2", 0.0),
         np.array([values.get(f"principal_point_{a}_px", centre[i]) for i, a in enumerate("xy")]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+import pandas as pd
 
 from lenscal.arrays import FloatArray
 
@@ -19,9 +20,26 @@ QUANTITIES: Final[dict[str, str]] = {
     "principal_point_x_px": "principal point x (px)",
     "principal_point_y_px": "principal point y (px)",
     "k1_per_mm2": "distortion κ1 (mm⁻²)",
+    "scale_factor": "scale factor",
+    "nodal_x_mm": "projection centre, x (mm)",
+    "nodal_y_mm": "projection centre, y (mm)",
+    "sharpest_confidence": "confidence of sharpest focus",
 }
-#: Quantities of the camera that are surfaces of their own.
-CAMERA_QUANTITIES: Final = ("principal_point_x_px", "principal_point_y_px", "k1_per_mm2")
+#: Quantities of the camera besides d.
+CAMERA_QUANTITIES: Final = (
+    "principal_point_x_px",
+    "principal_point_y_px",
+    "k1_per_mm2",
+    "scale_factor",
+)
+#: Where the projection centre wanders to across the axis, in the frame of the reference camera.
+LATERAL: Final = ("nodal_x_mm", "nodal_y_mm")
+#: How clear the autofocus saw its peak, from 0 to 1.
+CONFIDENCE: Final = "sharpest_confidence"
+#: Quantities that are surfaces of their own, fitted apart.
+SINGLE: Final = (*CAMERA_QUANTITIES, *LATERAL, CONFIDENCE)
+#: Of these the ones that a table often states as one number for all settings: no surface then.
+_OFTEN_CONSTANT: Final = ("scale_factor", *LATERAL, CONFIDENCE)
 
 
 #: Quantities that take a core surface each, where d/D and D are known, and the standoff too; and
@@ -38,6 +56,45 @@ CORE_SURFACES: Final[dict[str, tuple[int, ...]]] = {
     "standoff_mm": (2,),
     "nodal_offset_mm": (1, 2),
 }
+
+
+def varies(samples: pd.DataFrame, quantity: str) -> bool:
+    """Tell whether a table knows a quantity in a way that is worth a surface of its own.
+
+    Parameters
+    ----------
+    samples
+        One row per setting.
+    quantity
+        One of `SINGLE`.
+
+    Returns
+    -------
+    bool
+        Whether it is known anywhere, and, of the scale factor, the lateral wander and the
+        confidence, which may be one number for all settings, not the same everywhere.
+    """
+    if quantity not in samples or samples[quantity].isna().all():
+        return False
+    return quantity not in _OFTEN_CONSTANT or samples[quantity].nunique() > 1
+
+
+def single_value(quantity: str, surface: FloatArray) -> FloatArray:
+    """Turn the value of a surface of its own into that of the quantity.
+
+    Parameters
+    ----------
+    quantity
+        One of `SINGLE`.
+    surface
+        (...) value of its surface.
+
+    Returns
+    -------
+    FloatArray
+        (...) the same; a confidence is kept from 0 to 1, where a smooth surface may overshoot.
+    """
+    return np.clip(surface, 0.0, 1.0) if quantity == CONFIDENCE else surface
 
 
 def core_surfaces(quantity: str, count: int) -> tuple[int, ...]:
@@ -114,3 +171,32 @@ def from_core(quantity: str, core: FloatArray) -> tuple[FloatArray, FloatArray]:
     weights = np.zeros(core.shape)
     weights[..., surfaces] = np.stack(some, axis=-1)
     return np.asarray(value), weights
+
+
+def all_from_core(core: FloatArray) -> dict[str, FloatArray]:
+    """Values of all quantities that follow from the core surfaces of a map.
+
+    Parameters
+    ----------
+    core
+        (..., Q) values of the core surfaces: ln(d/D), ln D and, for Q = 3, ln standoff; or ln d.
+
+    Returns
+    -------
+    dict
+        Name to (...) values.
+    """
+    plain = [np.asarray(np.exp(core[..., i])) for i in range(core.shape[-1])]
+    if len(plain) == 1:
+        return {"image_distance_mm": plain[0]}
+    ratio, distance = plain[:2]
+    image_distance = ratio * distance
+    known = {
+        "magnification": ratio,
+        "object_distance_mm": distance,
+        "image_distance_mm": image_distance,
+        "focal_length_mm": image_distance / (1 + ratio),
+    }
+    if len(plain) == 3:
+        known |= {"standoff_mm": plain[2], "nodal_offset_mm": distance - plain[2]}
+    return known

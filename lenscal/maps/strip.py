@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, NamedTuple
+from math import factorial
+from typing import Final
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import BSpline, PPoly, make_interp_spline
 
 from lenscal.arrays import FloatArray
-from lenscal.maps.spline_axis import SplineAxis
-from lenscal.maps.tensor_pieces import axis_pieces, evaluate_along
 
 #: Zoom settings closer than this share of their range are one, read back with a little noise.
 _SAME_ZOOM: Final = 1e-3
@@ -86,11 +85,11 @@ class Strip:
         FloatArray
             (...) 0 at the low and 1 at the high end; focus itself where that is the coordinate.
         """
-        band = self._band
-        if band is None:
+        if self._band is None:
             return focus
-        low, width = band.at(zoom, band.values)
-        return np.asarray(np.clip((focus - low) / width, -BEYOND, 1 + BEYOND))
+        low, width = np.moveaxis(self._band(zoom), -1, 0)
+        share = np.asarray((focus - low) / width)
+        return np.clip(share, -BEYOND, 1 + BEYOND, out=share)
 
     def slopes(self, zoom: FloatArray, focus: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Differentiate the coordinate with respect to zoom and focus.
@@ -105,32 +104,20 @@ class Strip:
         along_zoom, along_focus : FloatArray
             (...) each.
         """
-        band = self._band
-        if band is None:
+        if self._band is None:
             return np.zeros(zoom.shape), np.ones(zoom.shape)
-        low, width = band.at(zoom, band.values)
-        low_slope, width_slope = band.at(zoom, band.slopes)
+        low, width = np.moveaxis(self._band(zoom), -1, 0)
+        low_slope, width_slope = np.moveaxis(self._band(zoom, 1), -1, 0)
         share = (focus - low) / width
         return -(low_slope + share * width_slope) / width, 1 / width
 
     @cached_property
-    def _band(self) -> _Band | None:
+    def _band(self) -> PPoly | None:
+        """Low end and width of the band over the zoom, as polynomials between knots: quick."""
         if self.ends is None:
             return None
-        low, high = self.ends.c.T
-        axis = SplineAxis(self.ends.t, self.ends.k)
-        coefficients = np.stack([low, high - low], axis=-1)
-        return _Band(axis, *(axis_pieces(axis, coefficients, order) for order in (0, 1)))
-
-
-class _Band(NamedTuple):
-    """Low end and width of the band over the zoom, as polynomials between knots."""
-
-    axis: SplineAxis
-    values: FloatArray  # (2, P, M) coefficients
-    slopes: FloatArray  # (2, P − 1, M)
-
-    def at(self, zoom: FloatArray, pieces: FloatArray) -> FloatArray:
-        """(2, ...) low end and width, or their slopes, at (...) zooms."""
-        found = evaluate_along(self.axis, pieces, np.ravel(zoom))
-        return found.reshape(2, *np.shape(zoom))
+        borders = np.unique(self.ends.t)
+        orders = range(self.ends.k, -1, -1)
+        terms = np.stack([self.ends(borders[:-1], order) / factorial(order) for order in orders])
+        terms[..., 1] -= terms[..., 0]
+        return PPoly(terms, borders)

@@ -107,7 +107,8 @@ class Surfaces:
         values = evaluate(
             (self.zoom, self.focus), pieces, np.ravel(zoom), np.ravel(focus), continued=True
         )
-        return np.moveaxis(values, 0, -1).reshape(*np.shape(zoom), len(pieces))
+        # Each surface stays in one piece of memory.
+        return np.moveaxis(values.reshape(len(pieces), *np.shape(zoom)), 0, -1)
 
     def covariance_at(
         self, zoom: FloatArray, focus: FloatArray, *, only: Sequence[int] | None = None
@@ -136,7 +137,26 @@ class Surfaces:
         result = np.zeros((len(chosen), len(chosen), values.shape[1]))
         for (a, b), shared in zip(pairs, values, strict=True):
             result[a, b] = result[b, a] = shared
-        return np.moveaxis(result, -1, 0).reshape(*np.shape(zoom), len(chosen), len(chosen))
+        return np.moveaxis(result.reshape(*result.shape[:2], *np.shape(zoom)), (0, 1), (-2, -1))
+
+    def with_covariance(
+        self, zoom: FloatArray, focus: FloatArray, *, only: Sequence[int] | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Evaluate surfaces and their posterior covariance.
+
+        Parameters
+        ----------
+        zoom, focus
+            (...) settings of equal shape; NaN gives NaN.
+        only
+            Indices of the surfaces wanted; None for all Q.
+
+        Returns
+        -------
+        values, covariance : FloatArray
+            As `value` and `covariance_at`.
+        """
+        return self.value(zoom, focus, only=only), self.covariance_at(zoom, focus, only=only)
 
     def _covariance_of(self, first: int, second: int) -> FloatArray:
         """Covariance of two surfaces as polynomials per cell."""

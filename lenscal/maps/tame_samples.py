@@ -9,7 +9,7 @@ import pandas as pd
 
 from lenscal.arrays import FloatArray, IntArray
 from lenscal.errors import InputError, MapError
-from lenscal.maps.quantities import CAMERA_QUANTITIES
+from lenscal.maps.quantities import CAMERA_QUANTITIES, LATERAL, varies
 
 #: Positive quantities: their errors are relative, so their logarithms are looked at.
 POSITIVE: Final = (
@@ -85,7 +85,8 @@ def tame_quantities(samples: pd.DataFrame) -> list[TameQuantity]:
     if {"magnification", "object_distance_mm"} <= set(frame):
         for name, values in derived(frame).items():
             frame[name] = frame[name] if name in frame else values
-    known = [n for n in (*POSITIVE, *CAMERA_QUANTITIES) if n in frame and frame[n].notna().any()]
+    known = [n for n in POSITIVE if n in frame and frame[n].notna().any()]
+    known += [n for n in (*CAMERA_QUANTITIES, *LATERAL) if varies(frame, n)]
     found = []
     for name in known:
         rows = np.flatnonzero(frame[name].notna())
@@ -143,7 +144,7 @@ def checked_settings(table: pd.DataFrame) -> pd.DataFrame:
     """
     samples = table.reset_index(drop=True)
     missing = [name for name in ("zoom", "focus") if name not in samples]
-    if missing or not any(name in samples for name in (*POSITIVE, *CAMERA_QUANTITIES)):
+    if missing or not any(name in samples for name in (*POSITIVE, *CAMERA_QUANTITIES, *LATERAL)):
         wanted = ", ".join(missing) if missing else f"any of {', '.join(POSITIVE)}"
         raise InputError(
             f"the table of settings lacks {wanted}; it has {', '.join(map(str, samples.columns))}"

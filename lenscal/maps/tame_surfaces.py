@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from functools import cached_property
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import chebyshev
 
-from lenscal.arrays import FloatArray, frozen_array
+from lenscal.arrays import BoolArray, FloatArray, IntArray, frozen_array
 from lenscal.maps.strip import Strip
 from lenscal.maps.surface import Surfaces, fit_surfaces
 
@@ -23,8 +24,47 @@ from lenscal.maps.surface import Surfaces, fit_surfaces
 _POWERS: Final = (0.0, 1.0, -1.0)
 #: Samples from which the data choose how roughness grows, or the power on a grid.
 ENOUGH_TO_TELL: Final = 36
+#: Which spline counts, and how much.
+_Share = tuple[int, float]
 #: By how much minus twice the log-likelihood must be better to leave the logarithm.
 _WORTH_IT: Final = 4.0
+
+
+class _Wanted(NamedTuple):
+    """What some surfaces are made of, found out once.
+
+    Surface ``place`` is a copy of a spline, or a sum: of logarithms of splines times shares, of
+    splines times weights, and of a trend.
+    """
+
+    rows: FloatArray  # (Q, K) of the mixing
+    splines: list[int]  # (K,) which splines are needed
+    powers: FloatArray  # (K,)
+    trends: FloatArray  # (3, K)
+    copied: tuple[list[int], list[int]]  # surfaces, and the splines that they are
+    summed: list[tuple[int, list[_Share], list[_Share], FloatArray]]
+
+    @property
+    def are_splines(self) -> bool:
+        """Whether all surfaces are the splines that are needed, in their order."""
+        return self.copied[0] == self.copied[1] == list(range(len(self.rows)))
+
+    @classmethod
+    def of(
+        cls, rows: FloatArray, splines: IntArray, powers: FloatArray, trends: FloatArray
+    ) -> _Wanted:
+        copied: tuple[list[int], list[int]] = ([], [])
+        summed = []
+        for place, row in enumerate(rows):
+            sources = np.flatnonzero(row).tolist()
+            if len(sources) == 1 and row[sources[0]] == 1 and powers[sources[0]] == 0:
+                copied[0].append(place)
+                copied[1].append(sources[0])
+                continue
+            shares = [(s, float(row[s] / powers[s])) for s in sources if powers[s] != 0]
+            weights = [(s, float(row[s])) for s in sources if powers[s] == 0]
+            summed.append((place, shares, weights, trends @ row))
+        return cls(rows, splines.tolist(), powers, trends, copied, summed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +124,12 @@ class TameSurfaces(Surfaces):
             (..., Q), or as many as are wanted; NaN where the coordinate of a positive quantity is
             not positive.
         """
-        rows, needed = self._mixed(only)
-        found = self._unmixed(zoom, focus, derivative, needed)
-        return np.asarray(found @ rows.T)
+        wanted = self._wanted(only)
+        across = self.strip.across(zoom, focus)
+        found = super().value(zoom, across, only=wanted.splines)
+        if derivative == (0, 0):
+            return self._sums_of_bent(zoom, found, wanted)
+        return _sums(wanted.rows, self._slopes(zoom, focus, across, found, derivative, wanted))
 
     def covariance_at(
         self, zoom: FloatArray, focus: FloatArray, *, only: Sequence[int] | None = None
@@ -105,44 +148,113 @@ class TameSurfaces(Surfaces):
         FloatArray
             (..., Q, Q), or as many as are wanted.
         """
-        rows, needed = self._mixed(only)
+        wanted = self._wanted(only)
         across = self.strip.across(zoom, focus)
-        covariance = super().covariance_at(zoom, across, only=needed)
-        powers = self.powers[needed]
-        if powers.any():
-            steepness = _steepness(super().value(zoom, across, only=needed), powers)
-            covariance = covariance / (steepness[..., :, None] * steepness[..., None, :])
-        return np.asarray(rows @ covariance @ rows.T)
+        found = None
+        if wanted.powers.any():
+            found = super().value(zoom, across, only=wanted.splines)
+        return self._spread(zoom, across, found, wanted)
 
-    def _mixed(self, only: Sequence[int] | None) -> tuple[FloatArray, list[int]]:
-        """Rows of the mixing that are wanted, and the splines that they need."""
-        rows = self.mixing if only is None else self.mixing[list(only)]
-        needed = [int(i) for i in np.flatnonzero(rows.any(axis=0))]
-        return rows[:, needed], needed
+    def with_covariance(
+        self, zoom: FloatArray, focus: FloatArray, *, only: Sequence[int] | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Evaluate surfaces and their posterior covariance, for little more than the latter.
 
-    def _unmixed(
-        self, zoom: FloatArray, focus: FloatArray, derivative: tuple[int, int], needed: list[int]
+        Parameters
+        ----------
+        zoom, focus
+            (...) settings of equal shape; NaN gives NaN.
+        only
+            Indices of the surfaces wanted; None for all Q.
+
+        Returns
+        -------
+        values, covariance : FloatArray
+            As `value` and `covariance_at`.
+        """
+        wanted = self._wanted(only)
+        across = self.strip.across(zoom, focus)
+        found = super().value(zoom, across, only=wanted.splines)
+        spread = self._spread(zoom, across, found, wanted)
+        return self._sums_of_bent(zoom, found, wanted), spread
+
+    def _wanted(self, only: Sequence[int] | None) -> _Wanted:
+        """Tell what the surfaces that are wanted are made of."""
+        key = None if only is None else tuple(only)
+        if key not in self._recipes:
+            rows = self.mixing if only is None else self.mixing[list(only)]
+            needed = np.flatnonzero(rows.any(axis=0))
+            self._recipes[key] = _Wanted.of(
+                rows[:, needed], needed, self.powers[needed], self.trends[:, needed]
+            )
+        return self._recipes[key]
+
+    @cached_property
+    def _recipes(self) -> dict[tuple[int, ...] | None, _Wanted]:
+        """What was wanted before."""
+        return {}
+
+    def _spread(
+        self,
+        zoom: FloatArray,
+        across: FloatArray,
+        found: FloatArray | None,
+        wanted: _Wanted,
     ) -> FloatArray:
-        """(..., K) values or slopes of what the splines stand for."""
-        across = self.strip.across(zoom, focus)
-        powers, trends = self.powers[needed], self.trends[:, needed]
-        found = super().value(zoom, across, only=needed)
-        if derivative == (0, 0):
-            bent = powers != 0
-            if not bent.any():
-                return found
-            with np.errstate(invalid="ignore"):
-                logarithm = np.log(np.where(found > 0, found, np.nan))
-            trend = _trend(zoom, self.zoom.ends, trends)
-            return np.where(bent, logarithm / np.where(bent, powers, 1.0) + trend, found)
+        """(..., Q, Q) covariance of sums of what the splines stand for, given the splines."""
+        covariance = super().covariance_at(zoom, across, only=wanted.splines)
+        if found is not None and wanted.powers.any():
+            steepness = _steepness(found, wanted.powers)
+            covariance = covariance / (steepness[..., :, None] * steepness[..., None, :])
+        return _sums(wanted.rows, np.moveaxis(_sums(wanted.rows, covariance), -1, -2))
+
+    def _sums_of_bent(self, zoom: FloatArray, found: FloatArray, wanted: _Wanted) -> FloatArray:
+        """(..., Q) sums of what the splines stand for; NaN where a coordinate is not positive."""
+        if wanted.are_splines:
+            return found
+        sums = np.zeros((len(wanted.rows), *np.shape(zoom)))
+        first = np.moveaxis(found, -1, 0)
+        places, sources = wanted.copied
+        sums[places] = first[sources]
+        scaled = _scaled(zoom, self.zoom.ends)
+        for place, shares, weights, (constant, linear, square) in wanted.summed:
+            total = sums[place, ...]
+            if shares:
+                # One logarithm of a product does for several.
+                product: FloatArray | float = 1.0
+                positive: BoolArray | bool = True
+                for source, share in shares:
+                    factor, positive = first[source], positive & (first[source] > 0)
+                    if abs(share) != 1.0:
+                        factor = np.abs(factor) ** abs(share)
+                    product = product * factor if share > 0 else product / factor
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    np.log(product, out=total)
+                total += (2 * square * scaled + linear) * scaled + (constant - square)
+                if not np.all(positive):
+                    total[~positive] = np.nan
+            for source, weight in weights:
+                total += weight * first[source]
+        return np.moveaxis(sums, 0, -1)
+
+    def _slopes(
+        self,
+        zoom: FloatArray,
+        focus: FloatArray,
+        across: FloatArray,
+        found: FloatArray,
+        derivative: tuple[int, int],
+        wanted: _Wanted,
+    ) -> FloatArray:
+        """(..., K) slopes of what the splines stand for, along zoom (1, 0) or focus (0, 1)."""
         by_zoom, by_focus = self.strip.slopes(zoom, focus)
-        along_focus = super().value(zoom, across, (0, 1), only=needed)
-        steepness = _steepness(found, powers)
+        along_focus = super().value(zoom, across, (0, 1), only=wanted.splines)
+        steepness = _steepness(found, wanted.powers)
         if derivative == (0, 1):
             return np.asarray(by_focus[..., None] * along_focus / steepness)
-        along_zoom = super().value(zoom, across, (1, 0), only=needed)
+        along_zoom = super().value(zoom, across, (1, 0), only=wanted.splines)
         slope = (along_zoom + by_zoom[..., None] * along_focus) / steepness
-        return np.asarray(slope + _trend(zoom, self.zoom.ends, trends, derivative=1))
+        return np.asarray(slope + _trend(zoom, self.zoom.ends, wanted.trends, 1))
 
 
 def fit_tame_surfaces(
@@ -276,6 +388,16 @@ def tame_coordinates(
         np.array([surfaces.roughening[0] for surfaces in chosen]),
         np.array([surfaces.criterion for surfaces in chosen]),
     )
+
+
+def _sums(rows: FloatArray, values: FloatArray) -> FloatArray:
+    """(..., Q) sums of (..., K) values with the weights of Q rows; each in one piece of memory."""
+    if np.array_equal(rows, np.eye(*rows.shape)):
+        return values
+    sums = np.zeros((len(rows), *values.shape[:-1]))
+    for i, place in np.argwhere(rows):
+        sums[i, ...] += rows[i, place] * values[..., place]
+    return np.moveaxis(sums, 0, -1)
 
 
 def _steepness(coordinate: FloatArray, powers: FloatArray) -> FloatArray:

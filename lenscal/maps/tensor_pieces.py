@@ -50,28 +50,6 @@ def surface_pieces(
     return np.ascontiguousarray(pieces.reshape(*pieces.shape[:3], -1))
 
 
-def axis_pieces(axis: SplineAxis, coefficients: FloatArray, derivative: int = 0) -> FloatArray:
-    """Turn B-spline coefficients of curves into polynomials per interval.
-
-    Parameters
-    ----------
-    axis
-        The axis.
-    coefficients
-        (K, Q) of Q curves.
-    derivative
-        How often to differentiate.
-
-    Returns
-    -------
-    FloatArray
-        (Q, P, M) coefficients in each of M intervals.
-    """
-    local = coefficients[axis.supports()]
-    pieces = np.einsum("mpi,miq->qpm", _differentiated(axis, derivative), local)
-    return np.ascontiguousarray(pieces)
-
-
 def covariance_pieces(zoom: SplineAxis, focus: SplineAxis, covariance: FloatArray) -> FloatArray:
     """Turn the covariance of B-spline coefficients of two surfaces into polynomials per cell.
 
@@ -178,8 +156,10 @@ def _cell_by_cell(
     stops = np.cumsum(np.bincount(cell, minlength=cells))
     columns = len(axes[1].widths)
     found = np.zeros((len(pieces), len(cell)))
+    count, across = pieces.shape[0], pieces.shape[2]
     for number in range(cells):
-        piece = pieces[..., number]
+        # All surfaces at once: one product of matrices costs little more than another.
+        piece = np.ascontiguousarray(pieces[..., number]).reshape(-1, across)
         intervals = divmod(number, columns)
         for start in range(stops[number - 1] if number else 0, stops[number], _CHUNK):
             part = slice(start, min(start + _CHUNK, stops[number]))
@@ -189,8 +169,8 @@ def _cell_by_cell(
                     axes, sorted_settings, intervals, _degrees(pieces), strict=True
                 )
             )
-            for surface, values in zip(piece, found, strict=True):
-                np.einsum("pn,pn->n", surface @ focus_basis, zoom_basis, out=values[part])
+            along = (piece @ focus_basis).reshape(count, len(zoom_basis), -1)
+            np.einsum("qpn,pn->qn", along, zoom_basis, out=found[:, part])
     result = np.zeros_like(found)
     result[:, order] = found
     return result
@@ -198,34 +178,6 @@ def _cell_by_cell(
 
 def _degrees(pieces: FloatArray) -> tuple[int, int]:
     return pieces.shape[1] - 1, pieces.shape[2] - 1
-
-
-def evaluate_along(axis: SplineAxis, pieces: FloatArray, values: FloatArray) -> FloatArray:
-    """Evaluate curves; the outermost polynomials go on beyond the knots.
-
-    Parameters
-    ----------
-    axis
-        The axis.
-    pieces
-        (Q, P, M) coefficients of Q curves.
-    values
-        (N,) settings; NaN gives NaN, except of a constant curve.
-
-    Returns
-    -------
-    FloatArray
-        (Q, N).
-    """
-    result = np.zeros((len(pieces), len(values)))
-    for start in range(0, len(values), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        interval = axis.interval(values[part])
-        place = axis.place(values[part], interval, continued=True)
-        basis = shares(pieces.shape[1] - 1, place)
-        for curve, found in zip(pieces, result, strict=True):
-            np.einsum("pn,pn->n", curve.take(interval, axis=1), basis, out=found[part])
-    return result
 
 
 def shares(degree: int, place: FloatArray) -> FloatArray:

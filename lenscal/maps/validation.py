@@ -188,7 +188,7 @@ def _by_map(samples: pd.DataFrame, choose_smoothing: bool) -> _Predict:
         "core_powers": full.core.powers,
         "core_mixing": full.core.mixing,
         "core_roughening": full.core.roughening,
-    } | {name: surface.log_smoothing for name, surface in full.camera_surfaces.items()}
+    } | {name: surface.log_smoothing for name, surface in full.single_surfaces.items()}
     measured, own = _measured(stated, full)
 
     def predict(rows: IntArray) -> dict[str, FloatArray]:
@@ -226,7 +226,7 @@ def _with_sigmas(full: LensMap) -> pd.DataFrame:
         stated = stated.drop(columns="sigma_sharpest_mm", errors="ignore")
         for name in core:
             stated[f"sigma_{name}"] = share * stated[name]
-    for name, surface in full.camera_surfaces.items():
+    for name, surface in full.single_surfaces.items():
         column = f"sigma_{name}"
         if column not in stated or stated[column].isna().any():
             least = _LEAST_SIGMA * float(stated[name].abs().max())

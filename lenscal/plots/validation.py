@@ -142,8 +142,9 @@ def draw_prediction_error(axes: Axes, validation: pd.DataFrame, name: str) -> Ax
         errors, title = 100 * validation[f"relative_error_{name}"], QUANTITIES[name]
         title, label = title.rsplit(" (", 1)[0], "prediction error (%)"
     else:
-        errors, title = validation[f"error_{name}"], QUANTITIES[name].rsplit(" (", 1)[0]
-        label = "prediction error (" + QUANTITIES[name].rsplit(" (", 1)[1]
+        title, _, unit = QUANTITIES[name].partition(" (")
+        errors = validation[f"error_{name}"]
+        label = f"prediction error ({unit}" if unit else "prediction error"
     size = errors.abs().to_numpy(float)
     positive = size[np.isfinite(size) & (size > 0)]
     least, most = (positive.min(), positive.max()) if len(positive) else (0.1, 1.0)

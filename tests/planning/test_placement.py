@@ -309,6 +309,6 @@ def test_the_map_knows_its_rig_from_the_session_on(request, lens, tmp_path) -> N
 
 
 def _smoothing(lens: LensMap) -> dict[str, np.ndarray]:
-    surfaces = {"core": lens.core, **lens.camera_surfaces}
+    surfaces = {"core": lens.core, **lens.single_surfaces}
     chosen = {name: s.log_smoothing for name, s in surfaces.items()}
     return chosen | {"core_powers": lens.core.powers, "core_mixing": lens.core.mixing}

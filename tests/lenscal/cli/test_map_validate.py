@@ -57,6 +57,24 @@ def test_too_few_to_judge(tmp_path):
     result = run(tmp_path / "two.csv")
     assert result.exit_code == 0
     assert "2 settings are too few to judge one by the others" in result.output
+    assert "nothing can be validated" in result.output
+    assert "without a setting the rest of the 2 do not determine a surface" in result.output
+    assert "calibrate more settings, several focus settings at each of several" in result.output
+
+
+def test_four_settings_of_a_real_lens_validate_nothing(reference_data, tmp_path):
+    """Along the curve of a lens sharp at infinity no setting is told by the other three."""
+    curves = pd.read_csv(reference_data / "kurokesu-sce2" / "L086_curves.csv").iloc[::400]
+    columns = {"zoom_x": "zoom", "focus_inf": "focus", "focal_range": "image_distance_mm"}
+    curves[list(columns)].rename(columns=columns).to_csv(tmp_path / "given.csv", index=False)
+    words = ["import", tmp_path / "given.csv", "--format", "csv", "-o", tmp_path / "table.csv"]
+    words += ["--pitch", "3 um", "--size", "1920x1080"]
+    assert CliRunner().invoke(program, [str(w) for w in words]).exit_code == 0
+    result = run(tmp_path / "table.csv", "--folds", 2, "--figure", tmp_path / "v.png")
+    assert result.exit_code == 0
+    assert "Prediction errors, in 2 folds: nothing can be validated" in result.output
+    assert "or deal them into more folds" in result.output
+    assert max(map(len, result.output.splitlines()[:5])) <= 100
 
 
 def test_what_cannot_be_read_or_drawn(tmp_path, some):

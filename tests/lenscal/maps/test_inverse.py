@@ -170,7 +170,7 @@ def test_sigma_of_a_solution_agrees_with_sampling(vicon, pair):
     at = np.array(zoom), np.array(focus)
     draws = rng.multivariate_normal(vicon.core.value(*at), vicon.core.covariance_at(*at), 40_000)
     ratio, distance, standoff = np.exp(draws).T
-    k1 = vicon.camera_surfaces["k1_per_mm2"]
+    k1 = vicon.single_surfaces["k1_per_mm2"]
     told = {
         "magnification": ratio,
         "focal_length_mm": ratio * distance / (1 + ratio),
@@ -227,9 +227,9 @@ def test_a_quantity_that_is_the_same_everywhere_finds_no_setting(lens, grid):
     table = lens.sample(*grid)
     table["k1_per_mm2"] = 1e-4
     constant = fit_lens_map(table)
-    surfaces = constant.camera_surfaces["k1_per_mm2"]
+    surfaces = constant.single_surfaces["k1_per_mm2"]
     flat = dataclasses.replace(surfaces, coefficients=np.full(surfaces.coefficients.shape, 1e-4))
-    constant = dataclasses.replace(constant, camera_surfaces={"k1_per_mm2": flat})
+    constant = dataclasses.replace(constant, single_surfaces={"k1_per_mm2": flat})
     with pytest.raises(InputError, match="k1_per_mm2 is 0.0001 everywhere on this map"):
         constant.settings_for(magnification=0.2, k1_per_mm2=1e-4)
 
