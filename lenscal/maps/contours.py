@@ -29,9 +29,8 @@ if TYPE_CHECKING:
 
 #: Share of the range of a quantity by which a vertex may miss its level.
 _TOLERANCE: Final = 1e-11
-#: Share of it beyond which one Newton step along an edge may not be enough, and how many there are.
-_FAR: Final = 1e-10
-_STEPS: Final = 4
+#: Newton steps along an edge after the first, where that was not enough.
+_STEPS: Final = 3
 #: A stretch is cut into so many parts, so many times, to find where it ends: to 3e-11 of itself.
 _PARTS, _ROUNDS = 32, 7
 
@@ -244,16 +243,19 @@ def _onto_level(
         value, slope = _cubic(coefficients, share)
         share = np.clip(share - value / slope, 0.0, 1.0)
     extent = np.ptp(grid.range_of(quantity))
-    moving = np.arange(len(share))
+    share = np.clip(share - excess(share, *edges) / slope, 0.0, 1.0)
+    found = all_quantities(grid.lens_map, *along(share, *edges))
+    # Mostly one step does, and then everything is there already.
+    column = _column(grid.lens_map, quantity)
     for _ in range(_STEPS):
-        error = excess(share[moving], *(end[moving] for end in edges))
-        share[moving] = np.clip(share[moving] - error / slope[moving], 0.0, 1.0)
-        moving = moving[np.abs(error) > _FAR * extent]
+        error = found[:, column] - level
+        moving = np.flatnonzero(np.abs(error) > _TOLERANCE * extent)
         if not len(moving):
             break
-    found = all_quantities(grid.lens_map, *along(share, *edges))
-    error = found[:, _column(grid.lens_map, quantity)] - level
-    missed = np.abs(error) > _TOLERANCE * extent
+        share[moving] = np.clip(share[moving] - error[moving] / slope[moving], 0.0, 1.0)
+        moved = along(share[moving], *(end[moving] for end in edges))
+        found[moving] = all_quantities(grid.lens_map, *moved)
+    missed = np.abs(found[:, column] - level) > _TOLERANCE * extent
     if missed.any():
         chosen = tuple(end[missed] for end in edges)
         bracket = np.zeros(missed.sum()), np.ones(missed.sum())

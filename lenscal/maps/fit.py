@@ -15,6 +15,7 @@ from lenscal.arrays import FloatArray
 from lenscal.errors import InputError, MapError
 from lenscal.maps.domain import Domain
 from lenscal.maps.lens_map import LensMap
+from lenscal.maps.numbers import in_numbers
 from lenscal.maps.pupil import PupilMap
 from lenscal.maps.pupil_fit import PUPIL_COLUMNS, fit_pupil_of_table
 from lenscal.maps.quantities import CORE, CORE_WITHOUT_DISTANCE, SINGLE, varies
@@ -216,7 +217,7 @@ def _pupil(
 
 
 def _checked(table: pd.DataFrame) -> pd.DataFrame:
-    samples = table.reset_index(drop=True)
+    samples = in_numbers(table)
     # A column without a value says no more than one that is not there.
     empty = [name for name in _POSITIVE if name in samples and samples[name].isna().all()]
     samples = samples.drop(columns=empty)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, overload
 
@@ -94,7 +95,7 @@ class LensMap(PupilQuantities):
         """Whether robot poses were known, so that standoff and nodal offset can be told."""
         return bool(self.core.coefficients.shape[2] == 3)
 
-    @property
+    @cached_property
     def quantities(self) -> tuple[str, ...]:
         """Names of the quantities that this map can give."""
         robot = () if self.has_standoff else _OF_ROBOT

@@ -9,6 +9,7 @@ import pandas as pd
 
 from lenscal.arrays import FloatArray, IntArray
 from lenscal.errors import InputError, MapError
+from lenscal.maps.numbers import in_numbers
 from lenscal.maps.quantities import CAMERA_QUANTITIES, LATERAL, varies
 
 #: Positive quantities: their errors are relative, so their logarithms are looked at.
@@ -142,7 +143,7 @@ def checked_settings(table: pd.DataFrame) -> pd.DataFrame:
     MapError
         When there is one setting only.
     """
-    samples = table.reset_index(drop=True)
+    samples = in_numbers(table)
     missing = [name for name in ("zoom", "focus") if name not in samples]
     if missing or not any(name in samples for name in (*POSITIVE, *CAMERA_QUANTITIES, *LATERAL)):
         wanted = ", ".join(missing) if missing else f"any of {', '.join(POSITIVE)}"
