@@ -177,7 +177,7 @@ def _records(frame: pd.DataFrame) -> list[dict[str, Any]]:
 def _summary_lines(summary: pd.DataFrame, folds: int | None, count: int) -> list[str]:
     how = "each setting by all others" if folds is None else f"in {folds} folds"
     if summary.empty:
-        what = "calibrate more settings, several focus settings at each of several zooms"
+        what = "calibrate more settings: several focus settings at several zooms"
         return [
             f"Prediction errors, {how}: nothing can be validated",
             f"  without a setting the rest of the {count} do not determine a surface that tells it",

@@ -59,7 +59,7 @@ def test_too_few_to_judge(tmp_path):
     assert "2 settings are too few to judge one by the others" in result.output
     assert "nothing can be validated" in result.output
     assert "without a setting the rest of the 2 do not determine a surface" in result.output
-    assert "calibrate more settings, several focus settings at each of several" in result.output
+    assert "calibrate more settings: several focus settings at several zooms" in result.output
 
 
 def test_four_settings_of_a_real_lens_validate_nothing(reference_data, tmp_path):
