@@ -14,6 +14,7 @@ is to be named, and the amount it would have to give, within 10 %.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -581,6 +582,8 @@ def main() -> None:
         for number in range(count):
             lens = number % len(lenses)
             run(lenses[lens], given.first + number, tallies[lens])
+            print(f"\r{kind} {number + 1}/{count}", end="", file=sys.stderr, flush=True)
+        print(file=sys.stderr)
         for lens_, tally in zip(lenses, tallies, strict=True):
             if not tally.tasks:
                 continue
