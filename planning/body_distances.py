@@ -1,89 +1,30 @@
 """How far a piece of a camera is from faces, at many places and in many lens states at once.
 
-A piece slides along the axis with the lens state. Most places end at a bound that holds for all
-states at once; of the rest, the face that seems to be nearest is measured first, and others only
-where they may be nearer still.
+Groups of faces that no lens state brings near are left out at once. Of the rest, every face is
+bounded in all states; where the one that seems to be nearest certainly overlaps, no more is to be
+known. Elsewhere the one that seems to be nearest is measured first, and others only where they may
+be nearer still.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from lenscal.arrays import FloatArray, IntArray
+from lenscal.arrays import BoolArray, FloatArray, IntArray
 from planning.camera_body import Piece
-from planning.separation import directions_apart, gap_mm, separation_mm
+from planning.face_bounds import FaceBounds, Places
+from planning.face_groups import FaceGroup, face_groups
+from planning.separation import gap_mm, separation_mm
 from planning.vectors import along
 
-#: Pairs of place and face that are looked at at once, for all states and for each of them, so that
-#: they stay in the cache; pairs of place and state that are settled together.
-_LOOKED_AT: Final = 100_000
-_BOUNDED: Final = 4_096
-_SETTLED: Final = 400_000
+#: Pairs of place and face that are bounded at once, so that they stay in the cache; pairs of place
+#: and state that are settled together.
+_BOUNDED: Final = 8_192
+_SETTLED: Final = 2_000_000
 #: What is nearer by less is as near.
 _ROUNDING_MM: Final = 1e-9
-
-
-#: States, places, faces, and lower bounds of their distance in mm.
-_Chosen = tuple[IntArray, IntArray, IntArray, FloatArray]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Places:
-    """Where reference cameras stand, components outermost.
-
-    Parameters
-    ----------
-    rotations
-        (3, 3, N) of part_from_camera.
-    origins_mm
-        (3, N) their origins in the frame of the part in mm.
-    shifts_mm
-        (S, 3) by how much, in the frame of the camera, everything moves in each lens state.
-    """
-
-    rotations: FloatArray
-    origins_mm: FloatArray
-    shifts_mm: FloatArray
-
-    def some(self, which: slice) -> Places:
-        """Take some of the places, at all states.
-
-        Parameters
-        ----------
-        which
-            Which of the N.
-
-        Returns
-        -------
-        Places
-            Those.
-        """
-        return Places(self.rotations[..., which], self.origins_mm[:, which], self.shifts_mm)
-
-    def in_camera(self, faces: FloatArray, place: IntArray, face: IntArray) -> FloatArray:
-        """Bring faces into the frames of reference cameras, before any shift.
-
-        Parameters
-        ----------
-        faces
-            (4, 3, F) corners in the frame of the part in mm.
-        place, face
-            (P,) pairs.
-
-        Returns
-        -------
-        FloatArray
-            (4, 3, P) corners in mm.
-        """
-        away = faces.take(face, 2)
-        away -= self.origins_mm.take(place, 1)
-        turned = self.rotations.take(place, 2)
-        return np.stack([along(turned[:, k], away.transpose(1, 0, 2)) for k in range(3)], axis=1)
 
 
 def distances_mm(piece: Piece, faces: FloatArray, places: Places, enough_mm: float) -> FloatArray:
@@ -108,73 +49,100 @@ def distances_mm(piece: Piece, faces: FloatArray, places: Places, enough_mm: flo
     """
     count, states = places.origins_mm.shape[1], len(places.shifts_mm)
     found = np.full((states, count), np.inf)
+    groups = face_groups(faces)
     step = max(1, _SETTLED // states)
     for start in range(0, count, step):
         part = slice(start, start + step)
-        found[:, part] = _settled(piece, faces, places.some(part), enough_mm)
+        some = _some(places, part)
+        candidates = _Candidates(some)
+        for group in groups:
+            candidates.look_at(piece, group, enough_mm)
+        found[:, part] = _settled(piece, faces, some, candidates, enough_mm)
     return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _Candidates:
-    """Places and faces that are not known to be far enough; few enough to stay in the cache.
+    """What may be the nearest face, at each place in each state.
 
     Parameters
     ----------
-    place, face
-        (P,) pairs, in the order of places.
-    bounds
-        (S, P) lower bounds of their distance in mm; what is measured becomes infinite.
+    places
+        N places, S states.
     """
 
-    place: IntArray
-    face: IntArray
-    bounds: FloatArray
+    def __init__(self, places: Places) -> None:
+        self._places = places
+        shape = (len(places.shifts_mm), places.origins_mm.shape[1])
+        #: (S, N) the lowest bound, the face that has it, and whether that certainly overlaps.
+        self.lowest: FloatArray = np.full(shape, np.inf)
+        self.face: IntArray = np.zeros(shape, dtype=np.int32)
+        self.overlap: BoolArray = np.zeros(shape, dtype=bool)
+        #: States, places, faces and bounds of what has to be measured.
+        self._to_measure: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = []
 
-    def nearest(self, enough_mm: float) -> _Chosen:
-        """Take out, for each place and state, what seems to be nearest."""
-        starts = np.flatnonzero(np.diff(self.place, prepend=-1))
-        lowest = np.minimum.reduceat(self.bounds, starts, axis=1)
-        of_place = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(self.place)))
-        state, pair = np.nonzero(
-            (self.bounds == lowest.take(of_place, 1)) & (self.bounds < enough_mm)
-        )
-        # Of several that are as near, the first.
-        place = self.place[pair]
-        first = (np.diff(place, prepend=-1) != 0) | (np.diff(state, prepend=-1) != 0)
-        chosen = self._chosen(state[first], pair[first])
-        self.bounds[state[first], pair[first]] = np.inf
-        return chosen
+    def look_at(self, piece: Piece, group: FaceGroup, enough_mm: float) -> None:
+        """Bound the faces of a group wherever it may be near."""
+        near = _near(piece, group, self._places, enough_mm)
+        step = max(1, _BOUNDED // len(group.numbers))
+        for start in range(0, len(near), step):
+            which = near[start : start + step]
+            bounds = FaceBounds(piece, group, _some(self._places, which))
+            self._note(bounds, group.numbers, which, enough_mm)
 
-    def below(self, limits: FloatArray) -> _Chosen:
-        """Choose what may be nearer than limits, (S, N)."""
-        return self._chosen(*np.nonzero(self.bounds < limits.take(self.place, 1)))
+    def to_measure(self) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+        """States, places, faces and bounds of all that has to be measured."""
+        nothing = np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+        lists = [(*nothing, np.zeros(0)), *self._to_measure]
+        state, place, face, bound = (np.concatenate(column) for column in zip(*lists, strict=True))
+        kept = ~self.overlap[state, place]
+        return state[kept], place[kept], face[kept], bound[kept]
 
-    def _chosen(self, state: IntArray, pair: IntArray) -> _Chosen:
-        return state, self.place[pair], self.face[pair], self.bounds[state, pair]
+    def _note(
+        self, bounds: FaceBounds, numbers: IntArray, which: IntArray, enough_mm: float
+    ) -> None:
+        in_states = bounds.in_states()
+        lowest = in_states.min(axis=1)
+        known = self.lowest[:, which]
+        state, column = np.nonzero(lowest < np.minimum(known, enough_mm))
+        place = which[column]
+        if len(state):
+            face = in_states[state, :, column].argmin(axis=1)
+            self.lowest[state, place] = lowest[state, column]
+            self.face[state, place] = numbers[face]
+            self.overlap[state, place] = bounds.overlap(state, face, column)
+        # Where nothing certainly overlaps, all that may be near.
+        state, column = np.nonzero((lowest < enough_mm) & ~self.overlap[:, which])
+        if len(state):
+            each = in_states[state, :, column]
+            row, face = np.nonzero(each < enough_mm)
+            self._to_measure.append(
+                (state[row], which[column[row]], numbers[face], each[row, face])
+            )
 
 
-def _settled(piece: Piece, faces: FloatArray, places: Places, enough_mm: float) -> FloatArray:
-    count, states = places.origins_mm.shape[1], len(places.shifts_mm)
-    found = np.full((states, count), np.inf)
-    candidates = list(_candidates(piece, faces, places, enough_mm))
-    if not candidates:
-        return found
+def _settled(
+    piece: Piece, faces: FloatArray, places: Places, candidates: _Candidates, enough_mm: float
+) -> FloatArray:
+    count = places.origins_mm.shape[1]
+    found = np.where(candidates.overlap, candidates.lowest, np.inf)
+    flat, directions = found.reshape(-1), np.zeros((3, found.size))
+    state, place, face, known = candidates.to_measure()
+    group = state * count + place
 
-    def gathered(chosen: list[_Chosen]) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Numbers of place and state, corners, and bounds."""
-        state, place, face, known = (np.concatenate(column) for column in zip(*chosen, strict=True))
-        corners = places.in_camera(faces, place, face)
-        corners += places.shifts_mm[state].T
-        return state * count + place, corners, known
+    def corners_of(which: IntArray) -> FloatArray:
+        corners = _in_camera(faces, places, place[which], face[which])
+        corners += places.shifts_mm[state[which]].T
+        return corners
 
     # First, in each place and state, what seems to be nearest.
-    group, corners, known = gathered([some.nearest(enough_mm) for some in candidates])
-    flat, directions = found.reshape(-1), np.zeros((3, found.size))
-    flat[group], directions[:, group] = separation_mm(piece, corners, group, enough_mm, known)
+    first = candidates.face[state, place] == face
+    which = np.flatnonzero(first)
+    flat[group[which]], directions[:, group[which]] = separation_mm(
+        piece, corners_of(which), group[which], enough_mm, known[which]
+    )
     # Then what may be nearer still, one by one: not what lies beyond in a direction that was found.
-    limits = np.minimum(found, enough_mm)
-    group, corners, known = gathered([some.below(limits) for some in candidates])
+    which = np.flatnonzero(~first & (known < np.minimum(flat[group], enough_mm)))
+    corners, group, known = corners_of(which), group[which], known[which]
     while len(group):
         direction = directions[:, group]
         gap = gap_mm(piece, corners, direction)
@@ -191,78 +159,35 @@ def _settled(piece: Piece, faces: FloatArray, places: Places, enough_mm: float) 
     return found
 
 
-def _candidates(
-    piece: Piece, faces: FloatArray, places: Places, enough_mm: float
-) -> Iterator[_Candidates]:
-    step = max(1, _LOOKED_AT // faces.shape[2])
-    for begin in range(0, places.origins_mm.shape[1], step):
-        block = places.some(slice(begin, begin + step))
-        near, of = _near(piece, faces, block, enough_mm)
-        # All faces of a place stay together.
-        starts = np.flatnonzero(np.diff(near, prepend=-1))
-        wanted = np.searchsorted(starts, np.arange(0, len(near), _BOUNDED))
-        cuts = starts[np.unique(wanted[wanted < len(starts)])]
-        for start, stop in itertools.pairwise([*cuts, len(near)]):
-            place, face = near[start:stop], of[start:stop]
-            bounds = _bounds(piece, block.in_camera(faces, place, face), places.shifts_mm)
-            kept = np.flatnonzero(bounds.min(axis=0) < enough_mm)
-            if len(kept):
-                yield _Candidates(place[kept] + begin, face[kept], bounds[:, kept])
+def _near(piece: Piece, group: FaceGroup, places: Places, enough_mm: float) -> IntArray:
+    """(P,) places where a group of faces may be nearer than what is enough in some state.
 
-
-def _near(
-    piece: Piece, faces: FloatArray, places: Places, enough_mm: float
-) -> tuple[IntArray, IntArray]:
-    """(P,) places and faces that may be nearer than what is enough, in the order of places.
-
-    The piece, sweeping through all states, is held in a cylinder about the axis, the face in a
+    The piece, sweeping through all states, is held in a cylinder about the axis, the group in a
     ball.
     """
-    middles, radii = _balls(faces)
-    shift = -np.einsum("in,ijn->jn", places.origins_mm, places.rotations)
-    x, y, z = (middles.T @ places.rotations[:, k] + shift[k] for k in range(3))
-    low, high, away = piece.extent_mm
+    away = group.centre_mm[:, None] - places.origins_mm
+    x, y, z = (along(places.rotations[:, k], away) for k in range(3))
+    low, high, radius = piece.extent_mm
     lowest, highest = places.shifts_mm.min(axis=0), places.shifts_mm.max(axis=0)
     middle, spread = (lowest + highest) / 2, (highest - lowest) / 2
     x += middle[0]
     y += middle[1]
     z += middle[2] - (low + high) / 2
-    sideways = np.sqrt(x**2 + y**2) - (away + np.hypot(spread[0], spread[1]))
+    sideways = np.sqrt(x**2 + y**2) - (radius + np.hypot(spread[0], spread[1]))
     ahead = np.abs(z) - (spread[2] + (high - low) / 2)
     np.maximum(sideways, 0.0, out=sideways)
     np.maximum(ahead, 0.0, out=ahead)
-    near = sideways**2 + ahead**2 < (enough_mm + radii[:, None]) ** 2
-    place, face = np.nonzero(np.ascontiguousarray(near.T))
-    return place, face
+    near = sideways**2 + ahead**2 < (enough_mm + group.radius_mm) ** 2
+    return np.flatnonzero(near)
 
 
-def _bounds(piece: Piece, corners: FloatArray, shifts: FloatArray) -> FloatArray:
-    """(S, P) lower bounds of the distance: those of a few directions are linear in the shift."""
-    still = np.full(corners.shape[2], -np.inf)
-    bounds = np.full((len(shifts), corners.shape[2]), -np.inf)
-    # Most often everything moves along the axis alone.
-    moving = np.flatnonzero(shifts.any(axis=0))
-    buffer = np.empty_like(bounds)
-    for direction, forwards, backwards in directions_apart(piece, corners):
-        if not direction[moving].any():
-            np.maximum(still, np.maximum(forwards, backwards), out=still)
-            continue
-        moved = shifts[:, moving] @ direction[moving]
-        np.maximum(bounds, np.add(moved, forwards, out=buffer), out=bounds)
-        np.maximum(bounds, np.subtract(backwards, moved, out=buffer), out=bounds)
-    np.maximum(bounds, still, out=bounds)
-    return bounds
+def _in_camera(faces: FloatArray, places: Places, place: IntArray, face: IntArray) -> FloatArray:
+    """(4, 3, P) corners of faces in the frames of reference cameras, before any shift, in mm."""
+    away = faces.take(face, 2)
+    away -= places.origins_mm.take(place, 1)
+    turned = places.rotations.take(place, 2)
+    return np.stack([along(turned[:, k], away.transpose(1, 0, 2)) for k in range(3)], axis=1)
 
 
-def _balls(faces: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(3, F) centres and (F,) radii of balls that hold faces, nearly the smallest."""
-    pairs = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3)])
-    apart = faces[pairs[:, 0]] - faces[pairs[:, 1]]
-    longest = np.einsum("pif,pif->pf", apart, apart).argmax(axis=0)
-    # About the middle of what is farthest apart a rectangle is held by half of that, and so is a
-    # triangle that is right or obtuse.
-    ends = pairs[longest]
-    index = np.arange(faces.shape[2])
-    middles = (faces[ends[:, 0], :, index] + faces[ends[:, 1], :, index]).T / 2
-    reach = np.linalg.norm(faces - middles, axis=1).max(axis=0)
-    return middles, reach
+def _some(places: Places, which: slice | IntArray) -> Places:
+    return Places(places.rotations[..., which], places.origins_mm[:, which], places.shifts_mm)

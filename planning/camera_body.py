@@ -68,6 +68,14 @@ class Cylinder:
         return unit
 
     @cached_property
+    def frame(self) -> FloatArray:
+        """(3, 3) unit vectors as rows: two across it, and its axis."""
+        across = np.eye(3)[np.abs(self.axis).argmin()]
+        across = across - (across @ self.axis) * self.axis
+        across /= np.linalg.norm(across)
+        return np.stack([across, np.cross(self.axis, across), self.axis])
+
+    @cached_property
     def half_length_mm(self) -> float:
         """Half its length."""
         return float(np.linalg.norm(self.end_mm - self.start_mm)) / 2

@@ -56,7 +56,7 @@ def directions_apart(
         is also a bound for another.
     """
     found = []
-    for direction in (_unit_normals(corners_mm), *piece.directions_towards(corners_mm)):
+    for direction in (unit_normals(corners_mm), *piece.directions_towards(corners_mm)):
         heights = [along(direction, corner) for corner in corners_mm]
         forwards = reduce(np.minimum, heights) - piece.support_mm(direction)
         backwards = -reduce(np.maximum, heights) - piece.support_mm(-direction)
@@ -259,8 +259,19 @@ def nearest_on_triangles(
     return np.asarray(a + v * ab + w * ac)
 
 
-def _unit_normals(corners: FloatArray) -> FloatArray:
-    """(3, K); a face without area has no normal: any direction is a valid one."""
+def unit_normals(corners: FloatArray) -> FloatArray:
+    """Give the normals of faces.
+
+    Parameters
+    ----------
+    corners
+        (4, 3, K) corners.
+
+    Returns
+    -------
+    FloatArray
+        (3, K) unit vectors; a face without area has no normal: any direction is a valid one.
+    """
     first, second = corners[2] - corners[0], corners[3] - corners[1]
     # Half the product of the diagonals is the vector of the area.
     normals = np.stack(
@@ -288,7 +299,7 @@ def _nearest_of_few(piece: Piece, corners: FloatArray) -> FloatArray:
 
 def _nearest_to_rim(piece: Piece, corners: FloatArray) -> FloatArray:
     """(3, K) the points opposite to where the piece comes nearest to the plane of each face."""
-    normals = _unit_normals(corners)
+    normals = unit_normals(corners)
     above = along(normals, piece.centre_mm[:, None] - corners[0]) > 0
     return nearest_on_faces(corners, piece.farthest_mm(np.where(above, -normals, normals)))
 

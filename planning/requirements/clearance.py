@@ -9,8 +9,9 @@ import numpy as np
 from lenscal.arrays import FloatArray, positive
 from lenscal.errors import InputError, PlanningError
 from lenscal.sensor import Sensor
-from planning.body_distances import Places, distances_mm
+from planning.body_distances import distances_mm
 from planning.camera_body import CameraBody, Piece
+from planning.face_bounds import Places
 from planning.requirements.margin import Margin, margin_over
 from planning.scene import Scene
 from planning.views import Views
