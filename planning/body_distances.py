@@ -12,16 +12,17 @@ from typing import Final
 
 import numpy as np
 
-from lenscal.arrays import BoolArray, FloatArray, IntArray
+from lenscal.arrays import FloatArray, IntArray
 from planning.camera_body import Piece
 from planning.face_bounds import FaceBounds, Places
 from planning.face_groups import FaceGroup, face_groups
 from planning.separation import gap_mm, separation_mm
 from planning.vectors import along
 
-#: Pairs of place and face that are bounded at once, so that they stay in the cache; pairs of place
-#: and state that are settled together.
-_BOUNDED: Final = 8_192
+#: Pairs of place and face that are bounded at once, and that are turned at once, so that they stay in
+#: the cache; pairs of place and state that are settled together.
+_BOUNDED: Final = 32_768
+_TURNED: Final = 8_192
 _SETTLED: Final = 2_000_000
 #: What is nearer by less is as near.
 _ROUNDING_MM: Final = 1e-9
@@ -73,10 +74,10 @@ class _Candidates:
     def __init__(self, places: Places) -> None:
         self._places = places
         shape = (len(places.shifts_mm), places.origins_mm.shape[1])
-        #: (S, N) the lowest bound, the face that has it, and whether that certainly overlaps.
+        #: (S, N) the lowest bound, the face that has it, and how far that is at most.
         self.lowest: FloatArray = np.full(shape, np.inf)
-        self.face: IntArray = np.zeros(shape, dtype=np.int32)
-        self.overlap: BoolArray = np.zeros(shape, dtype=bool)
+        self.face: IntArray = np.zeros(shape, dtype=int)
+        self.reached: FloatArray = np.full(shape, np.inf)
         #: States, places, faces and bounds of what has to be measured.
         self._to_measure: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = []
 
@@ -94,7 +95,8 @@ class _Candidates:
         nothing = np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0, dtype=int)
         lists = [(*nothing, np.zeros(0)), *self._to_measure]
         state, place, face, bound = (np.concatenate(column) for column in zip(*lists, strict=True))
-        kept = ~self.overlap[state, place]
+        reached, first = self.reached[state, place], self.face[state, place] == face
+        kept = (reached > 0) & (first | (bound < reached))
         return state[kept], place[kept], face[kept], bound[kept]
 
     def _note(
@@ -109,25 +111,30 @@ class _Candidates:
             face = in_states[state, :, column].argmin(axis=1)
             self.lowest[state, place] = lowest[state, column]
             self.face[state, place] = numbers[face]
-            self.overlap[state, place] = bounds.overlap(state, face, column)
-        # Where nothing certainly overlaps, all that may be near.
-        state, column = np.nonzero((lowest < enough_mm) & ~self.overlap[:, which])
+            self.reached[state, place] = bounds.reached(state, face, column)
+        # Where that does not certainly overlap, whatever may be nearer than it, and itself.
+        reached = self.reached[:, which]
+        state, column = np.nonzero((lowest < enough_mm) & (reached > 0))
         if len(state):
             each = in_states[state, :, column]
-            row, face = np.nonzero(each < enough_mm)
-            self._to_measure.append(
-                (state[row], which[column[row]], numbers[face], each[row, face])
-            )
+            place = which[column]
+            limits = np.minimum(reached[state, column], enough_mm)
+            first = self.face[state, place][:, None] == numbers
+            row, face = np.nonzero((each < limits[:, None]) | first)
+            self._to_measure.append((state[row], place[row], numbers[face], each[row, face]))
 
 
 def _settled(
     piece: Piece, faces: FloatArray, places: Places, candidates: _Candidates, enough_mm: float
 ) -> FloatArray:
-    count = places.origins_mm.shape[1]
-    found = np.where(candidates.overlap, candidates.lowest, np.inf)
-    flat, directions = found.reshape(-1), np.zeros((3, found.size))
+    found = candidates.lowest
     state, place, face, known = candidates.to_measure()
-    group = state * count + place
+    # Only places and states where something is to be measured are numbered.
+    measured = np.zeros(found.shape, dtype=bool)
+    measured[state, place] = True
+    group = np.cumsum(measured).reshape(found.shape)[state, place] - 1
+    nearest = np.full(np.count_nonzero(measured), np.inf)
+    directions = np.zeros((3, len(nearest)))
 
     def corners_of(which: IntArray) -> FloatArray:
         corners = _in_camera(faces, places, place[which], face[which])
@@ -137,26 +144,46 @@ def _settled(
     # First, in each place and state, what seems to be nearest.
     first = candidates.face[state, place] == face
     which = np.flatnonzero(first)
-    flat[group[which]], directions[:, group[which]] = separation_mm(
+    nearest[group[which]], directions[:, group[which]] = separation_mm(
         piece, corners_of(which), group[which], enough_mm, known[which]
     )
     # Then what may be nearer still, one by one: not what lies beyond in a direction that was found.
-    which = np.flatnonzero(~first & (known < np.minimum(flat[group], enough_mm)))
-    corners, group, known = corners_of(which), group[which], known[which]
+    which = np.flatnonzero(~first & (known < np.minimum(nearest[group], enough_mm)))
+    parts = np.array_split(which, len(which) // _TURNED + 1)
+    faced: list[tuple[FloatArray, IntArray, FloatArray]] = []
+    for part in parts:
+        corners = corners_of(part)
+        bound, left = _not_beyond(piece, corners, group[part], known[part], nearest, directions)
+        faced.append((corners[..., left], group[part[left]], bound[left]))
+    corners, group, known = (np.concatenate(column, axis=-1) for column in zip(*faced, strict=True))
     while len(group):
-        direction = directions[:, group]
-        gap = gap_mm(piece, corners, direction)
-        known = np.where(direction.any(axis=0), np.maximum(known, gap), known)
-        left = np.flatnonzero(known < flat[group] - _ROUNDING_MM)
-        left = left[np.lexsort((known[left], group[left]))]
-        group, corners, known = group[left], corners[..., left], known[left]
+        ordered = np.lexsort((known, group))
+        group, corners, known = group[ordered], corners[..., ordered], known[ordered]
         first = np.diff(group, prepend=-1) > 0
         distance, directions[:, group[first]] = separation_mm(
             piece, corners[..., first], group[first], enough_mm, known[first]
         )
-        flat[group[first]] = np.minimum(flat[group[first]], distance)
+        nearest[group[first]] = np.minimum(nearest[group[first]], distance)
         group, corners, known = group[~first], corners[..., ~first], known[~first]
+        known, left = _not_beyond(piece, corners, group, known, nearest, directions)
+        group, corners, known = group[left], corners[..., left], known[left]
+    found[measured] = nearest
     return found
+
+
+def _not_beyond(
+    piece: Piece,
+    corners: FloatArray,
+    group: IntArray,
+    known: FloatArray,
+    found: FloatArray,
+    directions: FloatArray,
+) -> tuple[FloatArray, IntArray]:
+    """(K,) better bounds by directions that were found, and which may be nearer than was found."""
+    direction = directions[:, group]
+    gap = gap_mm(piece, corners, direction)
+    bounds = np.where(direction.any(axis=0), np.maximum(known, gap), known)
+    return bounds, np.flatnonzero(bounds < found[group] - _ROUNDING_MM)
 
 
 def _near(piece: Piece, group: FaceGroup, places: Places, enough_mm: float) -> IntArray:

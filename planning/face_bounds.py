@@ -14,7 +14,7 @@ from functools import reduce
 
 import numpy as np
 
-from lenscal.arrays import BoolArray, FloatArray, IntArray
+from lenscal.arrays import FloatArray, IntArray
 from planning.camera_body import Cylinder, Piece
 from planning.face_groups import FaceGroup
 from planning.separation import directions_apart
@@ -44,6 +44,41 @@ class Places:
 _Gaps = tuple[tuple[FloatArray | float, ...], FloatArray, FloatArray]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Points:
+    """Corners of faces, and of each edge the point nearest to the axis of a cylinder.
+
+    Parameters
+    ----------
+    which
+        (C, F) which points lie on each face.
+    beside_mm, heights_mm
+        (P, N) how far they are outside of the cylinder if that were long enough, and how high along
+        its axis they are above its centre, before any shift.
+    half_length_mm
+        Of the cylinder.
+    """
+
+    which: IntArray
+    beside_mm: FloatArray
+    heights_mm: FloatArray
+    half_length_mm: float
+
+    def reached(self, face: IntArray, place: IntArray, shift_mm: FloatArray) -> FloatArray:
+        """(K,) how far the nearest point is; zero also where it lies between two of them."""
+        points = self.which[:, face]
+        beside = self.beside_mm[points, place]
+        heights = self.heights_mm[points, place] + shift_mm
+        beyond = np.maximum(np.abs(heights) - self.half_length_mm, 0.0)
+        distance = np.sqrt((beside**2 + beyond**2).min(axis=0))
+        # A cylinder without ends is convex: what lies between points within it is within it.
+        inner = beside == 0
+        low = np.where(inner, heights, np.inf).min(axis=0)
+        high = np.where(inner, heights, -np.inf).max(axis=0)
+        between = (low <= self.half_length_mm) & (high >= -self.half_length_mm)
+        return np.where(between, 0.0, distance)
+
+
 class FaceBounds:
     """Lower bounds of the distance of a piece and faces, at some places in all states.
 
@@ -59,9 +94,8 @@ class FaceBounds:
 
     def __init__(self, piece: Piece, group: FaceGroup, places: Places) -> None:
         shape = (len(group.numbers), places.origins_mm.shape[1])
-        #: (2, F, N) between which heights along a cylinder a face certainly is within it.
-        self._within: FloatArray | None = None
-        self._half_length_mm = 0.0
+        #: What is known of some points of the faces, where the shift is along a cylinder.
+        self._points: _Points | None = None
         if isinstance(piece, Cylinder):
             frame = piece.frame
             self._shifts = places.shifts_mm @ frame.T
@@ -109,8 +143,8 @@ class FaceBounds:
                 np.maximum(bound, np.subtract(backwards, by, out=gap), out=bound)
         return bounds
 
-    def overlap(self, state: IntArray, face: IntArray, place: IntArray) -> BoolArray:
-        """Tell where a point of a face certainly lies in the piece.
+    def reached(self, state: IntArray, face: IntArray, place: IntArray) -> FloatArray:
+        """Give upper bounds of the distance.
 
         Parameters
         ----------
@@ -119,15 +153,13 @@ class FaceBounds:
 
         Returns
         -------
-        BoolArray
-            (K,); False also where it is not known.
+        FloatArray
+            (K,) in mm: zero where a point of the face certainly lies in the piece, infinite where
+            nothing is known.
         """
-        if self._within is None or self._shifts[:, :2].any():
-            return np.zeros(len(state), dtype=bool)
-        low, high = self._within[:, face, place]
-        along_it = self._shifts[state, 2]
-        low, high = low + along_it, high + along_it
-        return np.asarray((low <= self._half_length_mm) & (high >= -self._half_length_mm))
+        if self._points is None:
+            return np.full(len(state), np.inf)
+        return self._points.reached(face, place, self._shifts[state, 2])
 
     def _from_cylinder(
         self, piece: Cylinder, group: FaceGroup, axes: FloatArray, origins: FloatArray
@@ -183,18 +215,11 @@ class FaceBounds:
         v_towards /= length
         corners = [u[corner] * u_towards + v[corner] * v_towards for corner in group.corners]
         across = ((u_towards, v_towards, 0.0), _least(corners) - radius, -_most(corners) - radius)
-        # What is within the cylinder if that is long enough: corners and feet, and what is between.
-        outside = u**2 + v**2 > radius**2
-        w_foot = w[start] + share * (w[stop] - w[start])
-        beside = distance > radius**2
-        self._half_length_mm = half_length
-        ends = []
-        for nothing, choose in ((np.inf, _least), (-np.inf, _most)):
-            inner, inner_foot = np.where(outside, nothing, w), np.where(beside, nothing, w_foot)
-            ends.append(
-                choose([*(inner[k] for k in group.corners), *(inner_foot[k] for k in group.edges)])
-            )
-        self._within = np.stack(ends)
+        if not self._shifts[:, :2].any():
+            beside = np.sqrt(np.concatenate([u**2 + v**2, distance])) - radius
+            heights = np.concatenate([w, w[start] + share * (w[stop] - w[start])])
+            which = np.concatenate([group.corners, len(w) + group.edges])
+            self._points = _Points(which, np.maximum(beside, 0.0), heights, half_length)
         return [normal, lengthwise, across]
 
 

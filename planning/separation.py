@@ -28,9 +28,9 @@ from planning.vectors import along
 _PROJECTIONS: Final = 200
 _GAP_MM: Final = 1e-4
 #: Steps at most in which the nearest point of an edge is found.
-_FALSE_POSITIONS: Final = 40
+_FALSE_POSITIONS: Final = 60
 #: What slope is none, as a share of the squared length of the edge.
-_LEVEL: Final = 1e-10
+_LEVEL: Final = 1e-12
 #: Faces that are looked at at once, so that they stay in the cache.
 _AT_ONCE: Final = 8_192
 
@@ -307,24 +307,31 @@ def _nearest_to_rim(piece: Piece, corners: FloatArray) -> FloatArray:
 def _nearest_on_edges(piece: Piece, corners: FloatArray) -> FloatArray:
     """(3, K) the nearest of the points of all edges.
 
-    Along an edge the squared distance is convex: its slope has one zero, which is found by false
-    position with the weight of an end that stays halved (the Illinois method; Dowell and Jarratt
-    1971).
+    Along an edge the squared distance is convex. So it lies above its tangents at both ends, and an
+    edge is left out when they meet higher than what is nearest so far. Its slope has one zero,
+    which is found by false position with the weight of an end that stays halved (the Illinois
+    method; Dowell and Jarratt 1971).
     """
-    places: FloatArray = corners[0]
-    distance = np.full(corners.shape[2], np.inf)
-    for start, stop in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        edge = stop - start
-        a, b = np.zeros(len(distance)), np.ones(len(distance))
-        at_a, at_b = (_slope(piece, start, edge, share) for share in (a, b))
-        # Uphill from the start or downhill to the end: that end is the nearest.
-        share = np.where(at_a >= 0, a, b)
+    aways: list[FloatArray] = [corner - piece.nearest_mm(corner) for corner in corners]
+    halves: list[FloatArray] = [along(away, away) / 2 for away in aways]
+    places, least = np.array(corners[0]), np.array(halves[0])
+    for corner, half in zip(corners[1:], halves[1:], strict=True):
+        places, least = np.where(half < least, corner, places), np.minimum(half, least)
+    for k, start in enumerate(corners):
+        following = (k + 1) % len(corners)
+        edge = corners[following] - start
+        at_a, at_b = along(aways[k], edge), along(aways[following], edge)
+        # Uphill from the start or downhill to the end: a corner is the nearest.
         left = np.flatnonzero((at_a < 0) & (at_b > 0))
-        share[left] = _zero_slope(piece, start[:, left], edge[:, left], at_a[left], at_b[left])
-        point = start + share * edge
-        found = piece.distance_mm(point)
-        places = np.where(found < distance, point, places)
-        np.minimum(found, distance, out=distance)
+        at_a, at_b, half = at_a[left], at_b[left], halves[k][left]
+        met = half + at_a * (halves[following][left] - half - at_b) / (at_a - at_b)
+        kept = met < least[left]
+        left = left[kept]
+        share = _zero_slope(piece, start[:, left], edge[:, left], at_a[kept], at_b[kept])
+        point = start[:, left] + share * edge[:, left]
+        half = np.square(piece.distance_mm(point)) / 2
+        nearer = half < least[left]
+        places[:, left[nearer]], least[left[nearer]] = point[:, nearer], half[nearer]
     return places
 
 
