@@ -19,8 +19,10 @@ from planning.face_groups import FaceGroup, face_groups
 from planning.separation import gap_mm, separation_mm
 from planning.vectors import along
 
-#: Pairs of place and face that are bounded at once, and that are turned at once, so that they stay in
-#: the cache; pairs of place and state that are settled together.
+#: How large a group of faces may be, as a share of how far it may be from the axis and count.
+_SIZE: Final = 3.0
+#: Pairs of place and face that are bounded at once, and that are turned at once, so that they stay
+#: in the cache; pairs of place and state that are settled together.
 _BOUNDED: Final = 32_768
 _TURNED: Final = 8_192
 _SETTLED: Final = 2_000_000
@@ -50,7 +52,7 @@ def distances_mm(piece: Piece, faces: FloatArray, places: Places, enough_mm: flo
     """
     count, states = places.origins_mm.shape[1], len(places.shifts_mm)
     found = np.full((states, count), np.inf)
-    groups = face_groups(faces)
+    groups = face_groups(faces, _SIZE * (enough_mm + piece.extent_mm[2]))
     step = max(1, _SETTLED // states)
     for start in range(0, count, step):
         part = slice(start, start + step)

@@ -11,8 +11,9 @@ import numpy as np
 from lenscal.arrays import FloatArray, IntArray
 from planning.separation import unit_normals
 
-#: Faces of a group at most.
+#: Faces of a group at most; and of one that is too large.
 _FACES: Final = 48
+_FACES_APART: Final = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,33 +51,37 @@ class FaceGroup:
     heights_mm: FloatArray
 
 
-def face_groups(faces: FloatArray) -> list[FaceGroup]:
+def face_groups(faces: FloatArray, size_mm: float) -> list[FaceGroup]:
     """Part faces into groups.
 
     Parameters
     ----------
     faces
         (4, 3, F) corners in mm; a triangle has one of them twice.
+    size_mm
+        Groups whose middles are spread farther are parted even when they have few faces: what is
+        small is dismissed more often.
 
     Returns
     -------
     list of FaceGroup
         Each face is in one of them.
     """
-    middles = faces.mean(axis=0)
-    return [_group(faces, numbers) for numbers in _halves(middles, np.arange(faces.shape[2]))]
+    middles, numbers = faces.mean(axis=0), np.arange(faces.shape[2])
+    return [_group(faces, some) for some in _halves(middles, numbers, size_mm)]
 
 
-def _halves(middles: FloatArray, numbers: IntArray) -> Iterator[IntArray]:
+def _halves(middles: FloatArray, numbers: IntArray, size_mm: float) -> Iterator[IntArray]:
     """Halve along where the middles are spread the most, until few are left."""
-    if len(numbers) <= _FACES:
+    small = len(numbers) == 0 or np.ptp(middles[:, numbers], axis=1).max() <= size_mm
+    if len(numbers) <= (_FACES if small else _FACES_APART):
         if len(numbers):
             yield numbers
         return
     widest = np.ptp(middles[:, numbers], axis=1).argmax()
     ordered = numbers[np.argsort(middles[widest, numbers], kind="stable")]
-    yield from _halves(middles, ordered[: len(ordered) // 2])
-    yield from _halves(middles, ordered[len(ordered) // 2 :])
+    yield from _halves(middles, ordered[: len(ordered) // 2], size_mm)
+    yield from _halves(middles, ordered[len(ordered) // 2 :], size_mm)
 
 
 def _group(faces: FloatArray, numbers: IntArray) -> FaceGroup:
