@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from lenscal.arrays import FloatArray, IntArray
+from lenscal.arrays import BoolArray, FloatArray, IntArray
 from planning.camera_body import Piece
 from planning.face_bounds import FaceBounds, Places
 from planning.face_groups import FaceGroup, face_groups
@@ -76,10 +76,12 @@ class _Candidates:
     def __init__(self, places: Places) -> None:
         self._places = places
         shape = (len(places.shifts_mm), places.origins_mm.shape[1])
-        #: (S, N) the lowest bound, the face that has it, and how far that is at most.
+        #: (S, N) the lowest bound, and the face that has it.
         self.lowest: FloatArray = np.full(shape, np.inf)
         self.face: IntArray = np.zeros(shape, dtype=int)
-        self.reached: FloatArray = np.full(shape, np.inf)
+        #: (S, N) the distance of what certainly overlaps, and what the nearest of all is at most.
+        self.overlap: FloatArray = np.full(shape, np.inf)
+        self.at_most: FloatArray = np.full(shape, np.inf)
         #: States, places, faces and bounds of what has to be measured.
         self._to_measure: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = []
 
@@ -97,9 +99,16 @@ class _Candidates:
         nothing = np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0, dtype=int)
         lists = [(*nothing, np.zeros(0)), *self._to_measure]
         state, place, face, bound = (np.concatenate(column) for column in zip(*lists, strict=True))
-        reached, first = self.reached[state, place], self.face[state, place] == face
-        kept = (reached > 0) & (first | (bound < reached))
+        kept = self._wanted(state, place, face, bound)
         return state[kept], place[kept], face[kept], bound[kept]
+
+    def _wanted(
+        self, state: IntArray, place: IntArray, face: IntArray, bounds: FloatArray
+    ) -> BoolArray:
+        """Tell what may be as near as what is known, unless that certainly overlaps."""
+        near = bounds <= self.at_most[state, place] + _ROUNDING_MM
+        near |= self.face[state, place] == face
+        return np.asarray(near & (bounds < self.overlap[state, place]))
 
     def _note(
         self, bounds: FaceBounds, numbers: IntArray, which: IntArray, enough_mm: float
@@ -111,25 +120,28 @@ class _Candidates:
         place = which[column]
         if len(state):
             face = in_states[state, :, column].argmin(axis=1)
-            self.lowest[state, place] = lowest[state, column]
+            self.lowest[state, place] = bound = lowest[state, column]
             self.face[state, place] = numbers[face]
-            self.reached[state, place] = bounds.reached(state, face, column)
-        # Where that does not certainly overlap, whatever may be nearer than it, and itself.
-        reached = self.reached[:, which]
-        state, column = np.nonzero((lowest < enough_mm) & (reached > 0))
+            reached = bounds.reached(state, face, column)
+            # What overlaps is as negative as its bound.
+            overlap = np.where(reached > 0, np.inf, bound)
+            self.overlap[state, place] = np.minimum(self.overlap[state, place], overlap)
+            at_most = np.minimum(reached, overlap)
+            self.at_most[state, place] = np.minimum(self.at_most[state, place], at_most)
+        # What may be nearest, unless that is known.
+        state, column = np.nonzero(lowest < np.minimum(self.overlap[:, which], enough_mm))
         if len(state):
-            each = in_states[state, :, column]
-            place = which[column]
-            limits = np.minimum(reached[state, column], enough_mm)
-            first = self.face[state, place][:, None] == numbers
-            row, face = np.nonzero((each < limits[:, None]) | first)
-            self._to_measure.append((state[row], place[row], numbers[face], each[row, face]))
+            each, place = in_states[state, :, column], which[column]
+            row, face = np.nonzero(each < enough_mm)
+            state, place, face, bound = state[row], place[row], numbers[face], each[row, face]
+            kept = self._wanted(state, place, face, bound)
+            self._to_measure.append((state[kept], place[kept], face[kept], bound[kept]))
 
 
 def _settled(
     piece: Piece, faces: FloatArray, places: Places, candidates: _Candidates, enough_mm: float
 ) -> FloatArray:
-    found = candidates.lowest
+    found = candidates.overlap
     state, place, face, known = candidates.to_measure()
     # Only places and states where something is to be measured are numbered.
     measured = np.zeros(found.shape, dtype=bool)
@@ -169,7 +181,7 @@ def _settled(
         group, corners, known = group[~first], corners[..., ~first], known[~first]
         known, left = _not_beyond(piece, corners, group, known, nearest, directions)
         group, corners, known = group[left], corners[..., left], known[left]
-    found[measured] = nearest
+    found[measured] = np.minimum(found[measured], nearest)
     return found
 
 

@@ -68,7 +68,7 @@ def face_groups(faces: FloatArray, size_mm: float) -> list[FaceGroup]:
         Each face is in one of them.
     """
     middles, numbers = faces.mean(axis=0), np.arange(faces.shape[2])
-    return [_group(faces, some) for some in _halves(middles, numbers, size_mm)]
+    return [_group(faces, np.sort(some)) for some in _halves(middles, numbers, size_mm)]
 
 
 def _halves(middles: FloatArray, numbers: IntArray, size_mm: float) -> Iterator[IntArray]:
