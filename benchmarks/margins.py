@@ -6,7 +6,8 @@ shifted and divided — and, stricter, one that turns the corners once for each 
 divides and scales for each state. Distance to the boundary of the region is the region's, and
 clearance depends on how many views come near to the part: both are printed apart. CPU seconds, one
 thread, everything in one run, the fastest of three rounds. Wanted are at most six times the peer;
-on two shared cores all cost 4.0 times it (15 times the stricter one), all but clearance 2.2 times.
+on two shared cores, in two runs, all cost 4.0 and 4.7 times it (15 and 20 times the stricter one),
+all but clearance 2.2 and 2.5 times.
 
     OMP_NUM_THREADS=1 python benchmarks/margins.py [--viewpoints 100000] [--states 20] [--rounds 3]
 """
