@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lenscal.arrays import FloatArray, IntArray
+from lenscal.calibration.calibration import Repeatability
 from lenscal.calibration.refine import fit_poses
 from lenscal.calibration.sweep import calibrate_recording
 from lenscal.camera import Camera
@@ -269,9 +270,12 @@ def reference_from_camera(nodal_offset_mm: float) -> Pose:
     return Pose(np.eye(3), np.array([0.0, 0.0, -nodal_offset_mm]))
 
 
-def fit_session(plan: Plan, rng: np.random.Generator) -> LensMap:
-    """Record a session, calibrate it and fit its map."""
-    return fit_lens_map(calibrate_recording(record(plan.settings, rng)))
+def fit_session(
+    plan: Plan, rng: np.random.Generator, repeatability: Repeatability | None = None
+) -> LensMap:
+    """Record a session, calibrate it, with the robot as known or estimated, and fit its map."""
+    recording = record(plan.settings, rng)
+    return fit_lens_map(calibrate_recording(recording, repeatability=repeatability))
 
 
 def errors(plan: Plan, lens_map: LensMap) -> dict[str, FloatArray]:

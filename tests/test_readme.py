@@ -2,13 +2,14 @@
 
 import contextlib
 import io
-import os
 import re
-import subprocess
+import shlex
 import sys
 from pathlib import Path
 
 import pytest
+
+from lenscal.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -55,23 +56,30 @@ def commands(block):
         yield command, output
 
 
+def run(command):
+    """Run a line as the program does, without its start; give status, output and errors."""
+    words = shlex.split(command)
+    output, errors, status = io.StringIO(), io.StringIO(), 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", words)
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+            try:
+                main()
+            except SystemExit as end:
+                status = end.code
+    return status, output.getvalue(), errors.getvalue()
+
+
 @pytest.mark.parametrize("block", blocks("console"), ids=["session", "planning", "contradiction"])
-def test_the_commands_print_what_the_readme_says(block, folder):
-    program = f'{sys.executable} -c "from lenscal.cli.main import main; main()"'
-    for command, output in commands(block):
+def test_the_commands_print_what_the_readme_says(block, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("COLUMNS", "100")
+    for command, stated in commands(block):
         assert command.startswith("lenscal ")
-        done = subprocess.run(
-            program + command.removeprefix("lenscal"),
-            shell=True,
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            check=False,
-            env={**os.environ, "COLUMNS": "100"},
-        )
-        failed = output.startswith("lenscal: ")
-        assert (done.returncode != 0) == failed, done.stderr
-        assert_alike(output, done.stderr if failed else done.stdout)
+        status, output, errors = run(command)
+        failed = stated.startswith("lenscal: ")
+        assert (status != 0) == failed, errors
+        assert_alike(stated, errors if failed else output)
 
 
 def test_the_program_prints_what_the_readme_says(monkeypatch):

@@ -58,6 +58,11 @@ def part():
 
 
 @pytest.fixture(scope="module")
+def region(part):
+    return visibility_region(part.scene, part.target, part.workspace, audit_points=0)
+
+
+@pytest.fixture(scope="module")
 def task(part) -> Task:
     return Task(part.target, part.feature, ALL, part.workspace, "T", views="general")
 
@@ -219,9 +224,8 @@ def test_confidence_is_asked_and_told(task, lens_map, part) -> None:
         replace(task, views="x")
 
 
-def test_positions_for_a_direction_are_exact(task, lens_map, part) -> None:
+def test_positions_for_a_direction_are_exact(lens_map, part, region) -> None:
     """Inside of the solid every polyhedral requirement holds, outside one of them does not."""
-    region = visibility_region(part.scene, part.target, part.workspace, audit_points=0)
     subject = Subject(part.target, part.feature, part.scene, region)
     pinhole = FixedLens(127.0, lens_map.sensor, 5.0)
     states = LensStates.of_fixed(pinhole, 620.0)
@@ -239,11 +243,10 @@ def test_positions_for_a_direction_are_exact(task, lens_map, part) -> None:
     np.testing.assert_array_equal(holds[~near], inside[~near])
 
 
-def test_positions_need_a_region_and_one_state(task, lens_map, part) -> None:
+def test_positions_need_a_region_and_one_state(lens_map, part, region) -> None:
     states = LensStates.of_fixed(FixedLens(127.0, lens_map.sensor), [500.0, 600.0])
     bare = Subject(part.target)
     with pytest.raises(PlanningError, match="cut out of the region of visibility, but there is no"):
         positions_for(ALL, bare, states, np.eye(3))
-    region = visibility_region(part.scene, part.target, part.workspace, audit_points=0)
     with pytest.raises(PlanningError, match="those of one lens state, but there are 2"):
         positions_for(ALL, replace(bare, region=region), states, np.eye(3))

@@ -6,7 +6,7 @@ the map's covariance, the robot's slip as a motion of its own, and corners proje
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from lenscal.camera import Camera
 from lenscal.camera_mount import CameraMount
 from lenscal.maps.lens_map import LensMap
 from lenscal.pose import Pose
+from lenscal.sensor import Sensor
 from planning.enclosure import example_part
 from planning.fixed_lens import FixedLens
 from planning.nodal import nodal_point
@@ -44,7 +45,8 @@ REQUIREMENTS = (
     DepthOfField(1.0, 2.4),
     Incidence(75),
 )
-DRAWS = 2000
+#: They tell a probability of 0.8 to within 0.6 %, one standard deviation, and one of 0.99 to 0.2 %.
+DRAWS = 4000
 
 
 @pytest.fixture(scope="module")
@@ -82,8 +84,52 @@ def start(subject: Subject, lens: LensMap, angle: float = 0.72) -> GeneralStarts
     )
 
 
-def redrawn_alone(lens, cell, views, rng):
-    """True cameras, poses and sharp planes of one view, by the algebra of the conventions."""
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """True cameras, poses and sharp planes of one view, one row per draw."""
+
+    sensor: Sensor
+    image_distance_mm: np.ndarray
+    k1_per_mm2: np.ndarray
+    centre_px: np.ndarray
+    part_from_camera: np.ndarray  # (N, 4, 4)
+    object_distance_mm: np.ndarray
+
+    def camera(self, k: int) -> Camera:
+        return Camera(
+            self.sensor,
+            float(self.image_distance_mm[k]),
+            float(self.k1_per_mm2[k]),
+            self.centre_px[k],
+        )
+
+    def seen(self, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points of the part in the camera, (N, M, 3), and their pixels, by similar triangles.
+
+        Tsai's distortion, undistorted = distorted (1 + κ1 r²), is undone step by step; it is
+        small here, so that each step takes two digits away from the error.
+        """
+        turns, places = self.part_from_camera[:, :3, :3], self.part_from_camera[:, :3, 3]
+        # (Rᵀ (x − t))ᵀ = (x − t)ᵀ R.
+        points = (points_mm - places[:, None]) @ turns
+        ideal = self.image_distance_mm[:, None, None] * points[..., :2] / points[..., 2:]
+        image = ideal
+        for _ in range(8):
+            squared = (image**2).sum(axis=-1, keepdims=True)
+            image = ideal / (1 + self.k1_per_mm2[:, None, None] * squared)
+        return points, self.centre_px[:, None] + image / self.sensor.sample_pitch_mm
+
+
+def motions(vectors: np.ndarray) -> np.ndarray:
+    """(N, 4, 4) of (N, 6) rotation vectors and translations."""
+    moved = np.tile(np.eye(4), (len(vectors), 1, 1))
+    moved[:, :3, :3] = Rotation.from_rotvec(vectors[:, :3]).as_matrix()
+    moved[:, :3, 3] = vectors[:, 3:]
+    return moved
+
+
+def redrawn_alone(lens, cell, views, rng) -> Drawn:
+    """What one view truly is, by the algebra of the conventions."""
     states = views.states
     zoom, focus = float(states.zoom[0]), float(states.focus[0])
     covariance = lens.core.covariance_at(states.zoom, states.focus)[0]
@@ -101,47 +147,68 @@ def redrawn_alone(lens, cell, views, rng):
     planned = Pose(views.rotations[0, 0], views.positions_mm[0, 0])
     reference = planned @ Pose(np.eye(3), point.centre_mm).inverse()
     hand = cell.mount.hand_from_camera
-    for k in range(DRAWS):
-        slip = Pose.from_rotation_vector(
-            rng.normal(scale=SLIP.rotation_rad, size=3),
-            rng.normal(scale=SLIP.translation_mm, size=3),
-        )
-        part = rng.normal(scale=PART_SIGMA)
-        lies = Pose.from_rotation_vector(part[:3], part[3:])
-        # base ← hand with the robot's slip, hand ← camera; and the part not where it was taken for.
-        truly = lies.inverse() @ reference @ hand.inverse() @ slip @ hand
-        lateral = point.lateral_mm + point.sigma_lateral_mm * rng.normal(size=2)
-        centre = np.array([*lateral, standoff[k] - distance[k]])
-        errors = of_camera * rng.normal(size=3)
-        camera = Camera(
-            nominal.sensor,
-            float(image_distance[k]),
-            nominal.k1_per_mm2 + errors[2],
-            nominal.centre_px + errors[:2],
-        )
-        yield camera, truly @ Pose(np.eye(3), centre), float(distance[k])
+    slip_sigma = np.repeat([SLIP.rotation_rad, SLIP.translation_mm], 3)
+    slips = motions(slip_sigma * rng.normal(size=(DRAWS, 6)))
+    lies = motions(PART_SIGMA * rng.normal(size=(DRAWS, 6)))
+    lateral = point.lateral_mm + point.sigma_lateral_mm * rng.normal(size=(DRAWS, 2))
+    centres = np.concatenate([lateral, (standoff - distance)[:, None]], axis=1)
+    errors = of_camera * rng.normal(size=(DRAWS, 3))
+    # base ← hand with the robot's slip, hand ← camera; and the part not where it was taken for.
+    truly = (
+        np.linalg.inv(lies)
+        @ (reference @ hand.inverse()).matrix
+        @ slips
+        @ hand.matrix
+        @ motions(np.concatenate([np.zeros((DRAWS, 3)), centres], axis=1))
+    )
+    return Drawn(
+        nominal.sensor,
+        image_distance,
+        nominal.k1_per_mm2 + errors[:, 2],
+        nominal.centre_px + errors[:, :2],
+        truly,
+        distance,
+    )
 
 
-def satisfied(camera, pose, distance, pupil, subject) -> bool:
-    """Everything but visibility, by projecting and by similar triangles."""
-    feature = subject.seen_feature.vertices_mm
-    back = pose.inverse()
+def satisfied(drawn: Drawn, pupil, subject) -> np.ndarray:
+    """(N,) everything but visibility, by projecting and by similar triangles."""
+    feature, sensor = subject.seen_feature.vertices_mm, drawn.sensor
     share = np.linspace(0, 1, 201)[:, None]
-    along = back.transform(feature[0] + share * (feature[1] - feature[0]))
-    pixels = camera.project(along)
-    if not camera.sensor.contains(pixels).all():
-        return False
+    along, pixels = drawn.seen(feature[0] + share * (feature[1] - feature[0]))
     # Pieces of a hundredth of the feature, as asked.
-    pieces = np.linalg.norm((pixels[2:] - pixels[:-2]) * camera.sensor.sample_pitch_mm, axis=1)
-    if pieces.min() / camera.sensor.sample_pitch_mm.max() < 3.0:
-        return False
-    depths = np.concatenate([along[[0, -1], 2] - 0.5, along[[0, -1], 2] + 0.5])
-    blur = pupil * camera.image_distance_mm * np.abs(1 / depths - 1 / distance)
-    if blur.max() > 2.4 * camera.sensor.sample_pitch_mm.min():
-        return False
-    away = pose.translation_mm - feature
-    cosine = away @ subject.target.normal / np.linalg.norm(away, axis=1)
-    return bool(np.degrees(np.arccos(cosine)).max() <= 75)
+    lengths = (pixels[:, 2:] - pixels[:, :-2]) * sensor.sample_pitch_mm
+    pieces = np.linalg.norm(lengths, axis=-1).min(axis=1) / sensor.sample_pitch_mm.max()
+    ends = along[:, [0, -1], 2]
+    depths = np.concatenate([ends - 0.5, ends + 0.5], axis=1)
+    sharp = 1 / drawn.object_distance_mm[:, None]
+    blur = pupil * drawn.image_distance_mm[:, None] * np.abs(1 / depths - sharp)
+    away = drawn.part_from_camera[:, None, :3, 3] - feature
+    cosines = away @ subject.target.normal / np.linalg.norm(away, axis=-1)
+    return (
+        sensor.contains(pixels).all(axis=1)
+        & (pieces >= 3.0)
+        & (blur.max(axis=1) <= 2.4 * sensor.sample_pitch_mm.min())
+        & (np.degrees(np.arccos(cosines)).max(axis=1) <= 75)
+    )
+
+
+@pytest.fixture(scope="module")
+def best(lens, cell, subject) -> GeneralStarts:
+    """The surest view found from one start."""
+    errors = ViewErrors(lens, cell)
+    return improved(REQUIREMENTS, start(subject, lens), errors=errors, rounds=15).views
+
+
+def test_draws_made_here_are_seen_as_a_camera_projects(lens, cell, subject, best) -> None:
+    """Many cameras at once, by a formula of the tests, against one camera after the other."""
+    drawn = redrawn_alone(lens, cell, best.as_views()[0], np.random.default_rng(7))
+    corners = subject.target.vertices_mm
+    points, pixels = drawn.seen(corners)
+    for k in range(0, DRAWS, 100):
+        back = Pose.from_matrix(drawn.part_from_camera[k]).inverse()
+        np.testing.assert_allclose(points[k], back.transform(corners), atol=1e-9)
+        np.testing.assert_allclose(pixels[k], drawn.camera(k).project(points[k]), atol=1e-9)
 
 
 def test_an_error_of_the_distance_hardly_changes_the_image(lens, subject) -> None:
@@ -176,10 +243,11 @@ def test_draws_of_the_pose_have_the_stated_covariance(lens, cell, subject) -> No
     )
     rng = np.random.default_rng(3)
     nominal = nodal_point(lens, views.states.zoom[0], views.states.focus[0]).centre_mm
-    alone = [pose.transform(-nominal) for _, pose, _ in redrawn_alone(lens, cell, views, rng)]
+    poses = redrawn_alone(lens, cell, views, rng).part_from_camera
+    alone = poses[:, :3, 3] - poses[:, :3, :3] @ nominal
     # Along the axis the origin is not told by the projection centre alone; across it is.
     across = views.rotations[0, 0][:, :2]
-    ours, theirs = np.cov((origins @ across).T), np.cov((np.array(alone) @ across).T)
+    ours, theirs = np.cov((origins @ across).T), np.cov((alone @ across).T)
     np.testing.assert_allclose(np.diag(ours), np.diag(theirs), rtol=0.15)
 
 
@@ -188,17 +256,17 @@ def test_draws_of_the_pose_have_the_stated_covariance(lens, cell, subject) -> No
     [(0.80, 0.77, 0.83, 3), (0.95, 0.93, 0.97, 1), (0.99, 0.98, 1.0, 2)],
 )
 def test_the_stated_probability_is_the_frequency(
-    lens, cell, subject, confidence, low, high, direction
+    lens, cell, subject, best, confidence, low, high, direction
 ) -> None:
     """A good view is moved until the planner says so much, where several requirements bind."""
     errors = ViewErrors(lens, cell)
-    best = improved(REQUIREMENTS, start(subject, lens), errors=errors, rounds=15).views
     way = np.random.default_rng(direction).normal(size=best.size)
     way[: best.settings.size] *= 0.3
 
     def probability(share: float) -> float:
+        # Only looks for the place; what is stated there is asked again, of other and more draws.
         views = best.moved(share * way[None, None]).as_views()[0]
-        return float(robustness_of(REQUIREMENTS, views, errors, 4096).probability[0])
+        return float(robustness_of(REQUIREMENTS, views, errors, 1024).probability[0])
 
     inside, outside = 0.0, 0.01
     assert probability(inside) > confidence, "the start is sure enough to be moved away from"
@@ -213,12 +281,10 @@ def test_the_stated_probability_is_the_frequency(
     views = best.moved(inside * way[None, None]).as_views()[0]
     pupil = float(views.states.entrance_pupil_diameter_mm[0])
     rng = np.random.default_rng(11)
-    good, places = [], []
-    for camera, pose, distance in redrawn_alone(lens, cell, views, rng):
-        good.append(satisfied(camera, pose, distance, pupil, subject))
-        places.append(pose.translation_mm)
-    seen = sees_whole_target(np.array(places), subject.target, subject.scene)
-    frequency = (np.array(good) & seen).mean()
+    drawn = redrawn_alone(lens, cell, views, rng)
+    places = drawn.part_from_camera[:, :3, 3]
+    seen = sees_whole_target(places, subject.target, subject.scene)
+    frequency = (satisfied(drawn, pupil, subject) & seen).mean()
     assert low <= frequency <= high
     stated = robustness_of(REQUIREMENTS, views, errors, seed=5)
     assert stated.probability[0] == pytest.approx(frequency, abs=0.02)

@@ -232,6 +232,11 @@ def recording():
     return Recording(head, (_record(10.0, rng), _record(20.0, rng)))
 
 
+@pytest.fixture(scope="module")
+def table(recording):
+    return calibrate_recording(recording)
+
+
 def _part(view, count):
     """Keep the first corners of a view."""
     seen = view.observation
@@ -307,8 +312,8 @@ def test_a_recording_of_nonsense_names_the_first_setting(recording):
         calibrate_recording(replace(recording, settings=spoilt))
 
 
-def test_a_newer_table_is_refused_and_left_alone(recording, tmp_path):
-    path = calibrate_recording(recording).save(tmp_path / "table.csv")
+def test_a_newer_table_is_refused_and_left_alone(table, tmp_path):
+    path = table.save(tmp_path / "table.csv")
     document = path.with_suffix(".json")
     kind = "calibration-table"
     body = read_document(document, kind, 99)
@@ -323,16 +328,16 @@ def test_a_newer_table_is_refused_and_left_alone(recording, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["table.csv", "table.json"])
-def test_a_table_that_was_cut_short_is_refused(recording, tmp_path, name):
-    path = calibrate_recording(recording).save(tmp_path / "table.csv")
+def test_a_table_that_was_cut_short_is_refused(table, tmp_path, name):
+    path = table.save(tmp_path / "table.csv")
     file = tmp_path / name
     file.write_bytes(file.read_bytes()[:-30])
     with pytest.raises(FileError, match=r"its checksum does not match|is cut short or no JSON"):
         CalibrationTable.load(path)
 
 
-def test_a_table_that_cannot_be_written_leaves_no_part(recording, tmp_path):
+def test_a_table_that_cannot_be_written_leaves_no_part(table, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(FileError, match=r"cannot write .*file/table\.(csv|json): "):
-        calibrate_recording(recording).save(tmp_path / "file" / "table.csv")
+        table.save(tmp_path / "file" / "table.csv")
     assert [file.name for file in tmp_path.iterdir()] == ["file"]

@@ -2,7 +2,9 @@
 
 The spread of 200 copies has itself a standard error of 5 %, so that the bar of 20 % on σ stands
 four of them away; that of the mean of the noise is below 1 % in every geometry, against a bar
-of 3 %.
+of 3 %. A calibration with a robot takes many times as long as one without, and gets 120 copies:
+6.5 %, three of them away, so that a σ that is a third too large is still found 19 times out of 20.
+With `-m long` it gets 200 too.
 """
 
 from collections.abc import Callable
@@ -20,7 +22,7 @@ from lenscal.pose import Pose
 from lenscal.sensor import Sensor
 from lenscal.target import Chessboard
 
-COPIES = 200
+COPIES, COPIES_WITH_ROBOT = 200, 120
 NOISE_PX = 0.1
 SENSOR = Sensor(2448, 2048, 0.00345, 0.00345)
 PRINCIPAL_POINT_PX = SENSOR.centre_px + np.array([30, -20])
@@ -137,10 +139,10 @@ def _studied(geometry: Geometry, rng: np.random.Generator) -> Study:
     )
 
 
-def _studied_with_robot(ride: Callable[..., Any], rng: np.random.Generator) -> Study:
+def _studied_with_robot(ride: Callable[..., Any], rng: np.random.Generator, count: int) -> Study:
     """Ten views of a robot that slips anew in every copy, its repeatability not known."""
     copies = []
-    for _ in range(COPIES):
+    for _ in range(count):
         world = ride(rng, noise_px=NOISE_PX)
         copies.append(
             calibrate_views(
@@ -170,14 +172,23 @@ def _studied_with_robot(ride: Callable[..., Any], rng: np.random.Generator) -> S
     )
 
 
-@pytest.fixture(scope="module", params=[*GEOMETRIES, "rig-constrained"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        *GEOMETRIES,
+        "rig-constrained",
+        pytest.param("rig-constrained, all copies", marks=pytest.mark.long),
+    ],
+)
 def study(
     request: pytest.FixtureRequest, look: Callable[..., Any], ride: Callable[..., Any]
 ) -> Study:
     """All copies in one geometry."""
     rng = np.random.default_rng(2024)
     if request.param == "rig-constrained":
-        return _studied_with_robot(ride, rng)
+        return _studied_with_robot(ride, rng, COPIES_WITH_ROBOT)
+    if request.param == "rig-constrained, all copies":
+        return _studied_with_robot(ride, rng, COPIES)
     return _studied(GEOMETRIES[request.param](look), rng)
 
 
@@ -194,16 +205,16 @@ def test_noise_found_is_the_noise_put_in(study: Study):
 
 
 def test_estimates_are_not_biased(study: Study):
-    """The mean error of 200 copies stays within four of its standard errors."""
-    standard_error = np.std(study.errors, axis=0, ddof=1) / np.sqrt(COPIES)
+    """The mean error of all copies stays within four of its standard errors."""
+    standard_error = np.std(study.errors, axis=0, ddof=1) / np.sqrt(len(study.errors))
     np.testing.assert_array_less(np.abs(study.errors.mean(axis=0)), 4 * standard_error)
 
 
 def test_errors_go_together_as_predicted(study: Study):
     """The squared length of the error in its own covariance averages the count of parameters.
 
-    Four times out of five per cent again: its mean over 200 copies is known to
-    sqrt(2 / (4 · 200)) = 5 %.
+    The bar is as far away again: its mean over 200 copies is known to sqrt(2 / (4 · 200)) = 5 %,
+    that over 120 to 6.5 %.
     """
     names = ["magnification", "principal_point_x_px", "principal_point_y_px", "object_distance_mm"]
     index = [study.names.index(name) for name in names]

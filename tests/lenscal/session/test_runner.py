@@ -168,7 +168,7 @@ def test_each_setting_gets_the_disk_and_the_board_that_suit_its_magnification(tm
     """The first disk and the largest board of the plate would be too large here."""
     rig = SimulatedRig.preset("machine-vision", seed=3)
     search = {"nearest": "0.35 m", "farthest": "0.5 m", "step": "20 mm", "iris": 75}
-    views = {"displacements": ["2 mm"], "tilted": 2, "tilt_deg": 20, "iris": 20}
+    views = {"tilted": 2, "tilt_deg": 20, "iris": 20}
     plan = small_plan(zoom=(800.0,), focus=(6800.0,), autofocus=search, views=views)
     folder = tmp_path / "s"
     (record,) = run_session(plan.model_copy(update={"keep_frames": False}), rig, folder).settings
@@ -178,6 +178,7 @@ def test_each_setting_gets_the_disk_and_the_board_that_suit_its_magnification(tm
     for kept in (record, loaded):
         parts = [rig.target.parts[part][0].spec for part in (kept.focus_part, kept.view_part)]
         assert parts == ["disk:20mm", "charuco:13x10:10mm:7.5mm:DICT_4X4_250:65"]
+    assert len(loaded.views) == 3
     for view in loaded.views:
         # All corners of that board, and the points of the plate that their ids stand for.
         assert set(view.observation.ids) >= set(rig.target.first_id(2) + np.arange(108))
