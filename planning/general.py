@@ -12,7 +12,7 @@ from planning.candidates import find_starts
 from planning.requirements.margin import Requirement
 from planning.setting_space import SettingSpace
 from planning.view_errors import ViewErrors
-from planning.view_search import LEAST_SIGMA, FoundViews, improved, sigmas
+from planning.view_search import FoundViews, improved, improved_in_sigma
 from planning.view_space import GeneralStarts
 from planning.views import Subject
 from planning.visibility.region import Region
@@ -58,11 +58,14 @@ def general_views(
     """
     starts = find_starts(subject, region, settings, requirements, _STARTS, rng)
     for rounds in (_FIRST_STEPS, _STEPS):
-        found = improved(requirements, starts, kept=kept, errors=errors, rounds=rounds)
-        spare = found.shares - kept
-        if errors is not None:
-            spare = spare / np.maximum(sigmas(requirements, found.views, errors), LEAST_SIGMA)
-        found = found.some(_distinct(found, spare.min(axis=1))[:_FOLLOWED])
+        if errors is None:
+            found = improved(requirements, starts, kept=kept, rounds=rounds)
+            smallest: FloatArray = (found.shares - kept).min(axis=1)
+        else:
+            found, smallest = improved_in_sigma(
+                requirements, starts, errors, kept=kept, rounds=rounds
+            )
+        found = found.some(_distinct(found, smallest)[:_FOLLOWED])
         starts = found.views
     return found
 

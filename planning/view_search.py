@@ -23,6 +23,8 @@ S = TypeVar("S", bound=Starts)
 
 #: Draws from which σ of the margins is taken while searching.
 _DRAWS: Final = 64
+#: Steps for which σ counts as constant.
+_STEPS_PER_SIGMA: Final = 6
 #: σ of a margin counts as no less than this share, so that one that never changes stays finite.
 LEAST_SIGMA: Final = 1e-6
 
@@ -86,6 +88,28 @@ class FoundViews(Generic[S]):
         """
         return FoundViews(self.views.some(which), self.shares[which], self.values[which])
 
+    def merged(self, other: FoundViews[S], taken: BoolArray) -> FoundViews[S]:
+        """Take some from others.
+
+        Parameters
+        ----------
+        other
+            As many views.
+        taken
+            (K,) which of them are better.
+
+        Returns
+        -------
+        FoundViews
+            Those, and the own ones besides.
+        """
+        rows = taken[:, None]
+        return FoundViews(
+            self.views.merged(other.views, taken),
+            np.where(rows, other.shares, self.shares),
+            np.where(rows, other.values, self.values),
+        )
+
     def __len__(self) -> int:
         return len(self.views)
 
@@ -97,7 +121,7 @@ def improved(
     kept: FloatArray | float = 0.0,
     raised: BoolArray | None = None,
     by_value: bool = False,
-    errors: ViewErrors | None = None,
+    weights: FloatArray | None = None,
     rounds: int = 30,
 ) -> FoundViews[S]:
     """Move views to where the smallest of their margins is largest.
@@ -115,9 +139,8 @@ def improved(
         all.
     by_value
         Whether what is raised counts in its unit, and not as a share.
-    errors
-        How well lens and robot are known: then each margin counts in the σ that it has at the
-        start. None: as a share.
+    weights
+        (K, R) what each margin is multiplied with; None for 1.
     rounds
         How many steps.
 
@@ -127,9 +150,6 @@ def improved(
         K views, with their margins as they are.
     """
     raised = np.ones(len(requirements), dtype=bool) if raised is None else raised
-    weights = None
-    if errors is not None:
-        weights = 1.0 / np.maximum(sigmas(requirements, starts, errors), LEAST_SIGMA)
 
     def margins(which: IntArray, moves: FloatArray) -> FloatArray:
         found = FoundViews.judged(requirements, starts.some(which).moved(moves))
@@ -147,6 +167,57 @@ def improved(
         rounds=rounds,
     )
     return FoundViews.judged(requirements, starts.moved(end.moves[:, None]))
+
+
+def improved_in_sigma(
+    requirements: Sequence[Requirement],
+    starts: S,
+    errors: ViewErrors,
+    *,
+    kept: FloatArray | float = 0.0,
+    rounds: int = 30,
+) -> tuple[FoundViews[S], FloatArray]:
+    """Move views to where the smallest of their margins, each in its own σ, is largest.
+
+    σ changes from place to place. It is taken as constant for a few steps; where that led to a
+    place with a larger one, so that nothing was won, the way is tried again with that.
+
+    Parameters
+    ----------
+    requirements
+        R of them.
+    starts
+        K views.
+    errors
+        How well lens and robot are known.
+    kept
+        (R,) the share of each limit that is kept besides; it is taken off the margins.
+    rounds
+        How many steps.
+
+    Returns
+    -------
+    found : FoundViews
+        K views, with their margins as they are.
+    smallest : FloatArray
+        (K,) the smallest margin of each in σ.
+    """
+    views = starts
+    largest = np.maximum(sigmas(requirements, views, errors), LEAST_SIGMA)
+    found = FoundViews.judged(requirements, views)
+    smallest = ((found.shares - kept) / largest).min(axis=1)
+    for _ in range(max(1, rounds // _STEPS_PER_SIGMA)):
+        tried = improved(
+            requirements, views, kept=kept, weights=1.0 / largest, rounds=_STEPS_PER_SIGMA
+        )
+        sigma = np.maximum(sigmas(requirements, tried.views, errors), LEAST_SIGMA)
+        spare = ((tried.shares - kept) / sigma).min(axis=1)
+        better = spare > smallest
+        largest = np.maximum(largest, sigma)
+        smallest = np.where(better, spare, smallest)
+        found = found.merged(tried, better)
+        views = found.views
+    return found, smallest
 
 
 def sigmas(requirements: Sequence[Requirement], views: Starts, errors: ViewErrors) -> FloatArray:

@@ -50,6 +50,22 @@ class Starts(Protocol):
             Those.
         """
 
+    def merged(self, other: Self, taken: BoolArray) -> Self:
+        """Take some from others.
+
+        Parameters
+        ----------
+        other
+            As many views.
+        taken
+            (K,) which of them are taken from there.
+
+        Returns
+        -------
+        Starts
+            As many.
+        """
+
     def moved(self, moves: FloatArray) -> Self:
         """Move away from them.
 
@@ -138,6 +154,30 @@ class GeneralStarts:
             rotations=self.rotations[which],
             aims=self.aims[which],
             defocus=self.defocus[which],
+        )
+
+    def merged(self, other: GeneralStarts, taken: BoolArray) -> GeneralStarts:
+        """Take some from others.
+
+        Parameters
+        ----------
+        other
+            As many views.
+        taken
+            (K,) which of them are taken from there.
+
+        Returns
+        -------
+        GeneralStarts
+            As many.
+        """
+        rows = taken[:, None]
+        return replace(
+            self,
+            shares=np.where(rows, other.shares, self.shares),
+            rotations=np.where(rows[:, None], other.rotations, self.rotations),
+            aims=np.where(rows, other.aims, self.aims),
+            defocus=np.where(taken, other.defocus, self.defocus),
         )
 
     def moved(self, moves: FloatArray) -> GeneralStarts:
@@ -285,6 +325,27 @@ class OrthogonalStarts:
             Those.
         """
         return replace(self, shares=self.shares[which], angles=self.angles[which])
+
+    def merged(self, other: OrthogonalStarts, taken: BoolArray) -> OrthogonalStarts:
+        """Take some from others.
+
+        Parameters
+        ----------
+        other
+            As many views.
+        taken
+            (K,) which of them are taken from there.
+
+        Returns
+        -------
+        OrthogonalStarts
+            As many.
+        """
+        return replace(
+            self,
+            shares=np.where(taken[:, None], other.shares, self.shares),
+            angles=np.where(taken, other.angles, self.angles),
+        )
 
     def moved(self, moves: FloatArray) -> OrthogonalStarts:
         """Move away from the views.
