@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lenscal.calibration.calibration import Repeatability
 from lenscal.calibration.table import CalibrationTable
@@ -115,6 +116,18 @@ def test_lateral_wander_is_undone() -> None:
     assert p.nodal.notes == ()
 
 
+def rigid(rotations: np.ndarray, translations: np.ndarray) -> np.ndarray:
+    """(N, 4, 4) of (N, 3, 3) and (N, 3)."""
+    matrices = np.tile(np.eye(4), (len(rotations), 1, 1))
+    matrices[:, :3, :3], matrices[:, :3, 3] = rotations, translations
+    return matrices
+
+
+def motions(vectors: np.ndarray) -> np.ndarray:
+    """(N, 4, 4) of (N, 6) rotation vectors and translations."""
+    return rigid(Rotation.from_rotvec(vectors[:, :3]).as_matrix(), vectors[:, 3:])
+
+
 @pytest.mark.parametrize("anchored", [False, True])
 def test_covariances_are_those_of_the_drawn_chain(anchored: bool) -> None:
     """Mounting, robot and part drawn 2,000 times, and the motion of the camera measured."""
@@ -136,23 +149,26 @@ def test_covariances_are_those_of_the_drawn_chain(anchored: bool) -> None:
     # D errs as the offset does, but for the standoff.
     standoffs = 0.05 * rng.standard_normal(count)
     wander = rng.standard_normal((count, 2)) * [0.04, 0.03]
-    centre, sharp = np.zeros((count, 6)), np.zeros((count, 6))
     stated = np.array([0.3, -0.2, -250.0])
-    for k in range(count):
-        small = Pose.from_rotation_vector(mounts[k, :3])
-        turned = Pose(small.rotation @ hand_from_camera.rotation, hand_from_camera.translation_mm)
-        true_mount = Pose(turned.rotation, turned.translation_mm + mounts[k, 3:])
-        if anchored:  # the place of the projection centre on the hand was measured
-            there = hand_from_camera.transform(stated)
-            true_mount = Pose(turned.rotation, there - turned.rotation @ stated)
-        true_hand = p.base_from_hand @ Pose.from_rotation_vector(slips[k, :3], slips[k, 3:])
-        true_part = base_from_part @ Pose.from_rotation_vector(parts[k, :3], parts[k, 3:])
-        shift = np.array([*wander[k], -offsets[k]])
-        camera = true_hand @ true_mount @ Pose(np.eye(3), stated + shift)
-        error = wanted.inverse() @ true_part.inverse() @ camera
-        distance = 620.0 + offsets[k] + standoffs[k]
-        centre[k] = np.r_[error.rotation_vector, error.translation_mm]
-        sharp[k] = np.r_[error.rotation_vector, error.transform([0, 0, distance]) - [0, 0, 620]]
+    turned = Rotation.from_rotvec(mounts[:, :3]).as_matrix() @ hand_from_camera.rotation
+    if anchored:  # the place of the projection centre on the hand was measured
+        origins = hand_from_camera.transform(stated) - turned @ stated
+    else:
+        origins = hand_from_camera.translation_mm + mounts[:, 3:]
+    camera_moves = stated + np.column_stack([wander, -offsets])
+    errors = (
+        wanted.inverse().matrix
+        @ np.linalg.inv(base_from_part.matrix @ motions(parts))
+        @ p.base_from_hand.matrix
+        @ motions(slips)
+        @ rigid(turned, origins)
+        @ rigid(np.tile(np.eye(3), (count, 1, 1)), camera_moves)
+    )
+    turns, places = errors[:, :3, :3], errors[:, :3, 3]
+    vectors = Rotation.from_matrix(turns).as_rotvec()
+    distances = (620.0 + offsets + standoffs)[:, None]
+    centre = np.concatenate([vectors, places], axis=1)
+    sharp = np.concatenate([vectors, distances * turns[:, :, 2] + places - [0, 0, 620]], axis=1)
     for samples, covariance in ((centre, p.centre_covariance), (sharp, p.sharp_covariance)):
         sigma = np.sqrt(np.diag(covariance))
         np.testing.assert_allclose(samples.std(axis=0), sigma, rtol=0.08)
