@@ -248,6 +248,8 @@ def _with_requirements(
         Visibility(),
     ]
     probes += [probe for probe in optional if rng.uniform() < 0.6]
+    # Where no depth of field is asked for, the planner keeps the feature in the sharp plane.
+    planted = replace(planted, is_free=any(isinstance(r, DepthOfField) for r in probes))
     found = FoundViews.judged(probes, planted)
     if not np.isfinite(found.values).all():
         return None
@@ -329,7 +331,8 @@ def optimum(world: World, index: int, rng: np.random.Generator) -> float:
     count = start.settings.size
     bounds = [(0.0, 1.0)] * count + [(-0.7, 0.7)] * 3 + [(-0.3, 0.3)] * 2 + [(-0.3, 0.3)]
     bare = replace(start, shares=np.zeros((1, count)), aims=np.zeros((1, 2)))
-    x0 = np.concatenate([start.shares[0], np.zeros(3), start.aims[0], np.zeros(1)])
+    bounds = bounds[: start.size]
+    x0 = np.concatenate([start.shares[0], np.zeros(3), start.aims[0], np.zeros(1)])[: start.size]
 
     def lacking(moves: FloatArray) -> FloatArray:
         found = FoundViews.judged(requirements, bare.moved(moves.T[None]))
