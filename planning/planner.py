@@ -197,9 +197,10 @@ def _with_confidence(
         table[f"{name}_margin_sigmas"] = in_sigma[:, columns].min(axis=1)
     table["smallest_margin_sigmas"] = in_sigma.min(axis=1)
     table["probability"] = robustness.probability
-    table = table.sort_values(
-        ["probability", "smallest_margin_sigmas"], ascending=False, ignore_index=True
-    )
+    # At one setting many views are equally sure but for rounding: the larger margin goes first.
+    in_order = (-table["smallest_margin"], -table["smallest_margin_sigmas"], -table["probability"])
+    order = np.lexsort([column.round(4) for column in in_order])
+    table = table.iloc[order].reset_index(drop=True)
     wanted = made.task.confidence
     if wanted is None:
         return replace(made, viewpoints=table)

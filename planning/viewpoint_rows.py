@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -14,7 +15,9 @@ from planning.requirements.margin import Requirement
 from planning.task import Task
 from planning.views import Views
 
-_PLACE = ("x_mm", "y_mm", "z_mm", "rotation_x", "rotation_y", "rotation_z")
+#: Decimals to which margins, settings and places count as equal.
+_DIGITS: Final = 6
+_PLACE: Final = ("x_mm", "y_mm", "z_mm", "rotation_x", "rotation_y", "rotation_z")
 
 
 def margin_names(task: Task) -> list[str]:
@@ -57,7 +60,14 @@ def as_table(task: Task, rows: Sequence[Mapping[str, float]]) -> pd.DataFrame:
         *("visibility_margin_mm", "smallest_margin"),
     ]
     table = pd.DataFrame(list(rows), columns=columns, dtype=np.float64)
-    return table.sort_values("smallest_margin", ascending=False, ignore_index=True)
+    # What differs by rounding only is ordered by the setting and the place, on every machine alike.
+    order = np.lexsort(
+        [
+            *(table[name].round(_DIGITS) for name in ("z_mm", "y_mm", "x_mm", "focus", "zoom")),
+            -table["smallest_margin"].round(_DIGITS),
+        ]
+    )
+    return table.iloc[order].reset_index(drop=True)
 
 
 def rows_of(
