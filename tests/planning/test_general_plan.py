@@ -75,7 +75,7 @@ def found(task, lens_map, part):
 def test_every_view_satisfies_everything(found, part) -> None:
     table = found.viewpoints
     assert len(table) >= 3
-    assert table["smallest_margin"].is_monotonic_decreasing
+    assert (np.diff(table["smallest_margin"]) <= 1e-6).all(), "but for rounding"
     margins = table[[f"{r.name}_margin" for r in ALL]]
     assert (margins >= 0).all().all()
     np.testing.assert_allclose(
@@ -210,7 +210,7 @@ def test_confidence_is_asked_and_told(task, lens_map, part) -> None:
     sure = plan(task, lens_map, part.scene, cell=cell, audit_points=0)
     table = sure.viewpoints
     assert (table["probability"] >= 0.95).all()
-    assert table["probability"].is_monotonic_decreasing
+    assert (np.diff(table["probability"]) <= 1e-4).all()
     assert (table["smallest_margin_sigmas"] > 1).all()
     assert {f"{r.name}_margin_sigmas" for r in ALL[:4]} <= set(table)
     shaky = replace(cell, repeatability=Repeatability(30.0, 0.1))

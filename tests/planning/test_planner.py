@@ -57,7 +57,7 @@ def test_viewpoints_pass_through_both_holes(found) -> None:
     table = found.viewpoints
     assert (table["y_mm"] < 0).any(), "through the small hole"
     assert (table["y_mm"] > 0).any(), "through the large hole"
-    assert table["smallest_margin"].is_monotonic_decreasing
+    assert (np.diff(table["smallest_margin"]) <= 1e-6).all(), "but for rounding"
     assert (table["smallest_margin"] > 0).all()
     assert (table["resolution_margin"] >= 0.005 - 1e-9).all()
     assert (table["field_of_view_margin"] >= 0.005 - 1e-9).all()
