@@ -25,7 +25,7 @@ from lenscal.formats.imported import (
 )
 from lenscal.formats.reading import blamed_on, read_text
 from lenscal.maps.lens_map import LensMap
-from lenscal.maps.quantities import from_core
+from lenscal.maps.quantities import CONFIDENCE, from_core
 from lenscal.sensor import Sensor
 from lenscal.setting import LensSetting
 
@@ -33,6 +33,8 @@ from lenscal.setting import LensSetting
 _FITTED: Final = ("magnification", "object_distance_mm", "standoff_mm")
 _POSITIVE: Final = (*_FITTED, "image_distance_mm", "focal_length_mm")
 _TEXTS: Final = ("approach",)
+#: What a table of samples may say: a calibration has no σ of its confidence, a map has.
+_KNOWN: Final = (*COLUMNS, f"sigma_{CONFIDENCE}")
 
 
 def write_samples_csv(
@@ -107,7 +109,7 @@ def read_samples_csv(path: Path | str, sensor: Sensor | None = None) -> Imported
                 f"{path}, line 1: wanted is one column {name}, but there are {header.count(name)}; "
                 f"its columns are {', '.join(header):.200}"
             )
-    known = [name for name in header if name in COLUMNS and name not in (*COUNTS, *_TEXTS)]
+    known = [name for name in header if name in _KNOWN and name not in (*COUNTS, *_TEXTS)]
     if len(set(known)) < len(known):
         raise FileError(f"{path}, line 1: a column stands there twice: {', '.join(known):.200}")
     rows = [_row(path, line, header, known, words) for line, words in lines[1:]]

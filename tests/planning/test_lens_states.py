@@ -32,7 +32,10 @@ def test_states_of_a_map_are_what_the_map_says(demo_map: LensMap) -> None:
     )
     np.testing.assert_allclose(states.image_distance_mm, demo_map.image_distance_mm(zoom, focus))
     offset = demo_map.nodal_offset_mm(zoom, focus)
-    np.testing.assert_array_equal(states.projection_centre_mm, [[0, 0, -o] for o in offset])
+    wander = [demo_map.value(name, zoom, focus) for name in ("nodal_x_mm", "nodal_y_mm")]
+    np.testing.assert_array_equal(
+        states.projection_centre_mm, np.stack([*wander, -offset], axis=-1)
+    )
     pupil = demo_map.entrance_pupil_diameter_mm(zoom, focus, 100.0)
     np.testing.assert_array_equal(states.entrance_pupil_diameter_mm, pupil)
     assert states.iris.tolist() == [100.0, 100.0]
