@@ -7,6 +7,7 @@ another kind, or written by a newer version. A document is written whole or not 
 from __future__ import annotations
 
 import hashlib
+import importlib.metadata
 import json
 import os
 import tempfile
@@ -150,6 +151,22 @@ def digest(body: Json) -> str:
     """
     canonical = json.dumps(body, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def versions(*packages: str) -> dict[str, str]:
+    """Give the versions of packages that something was made with, for its evidence.
+
+    Parameters
+    ----------
+    *packages
+        Their names, as installed.
+
+    Returns
+    -------
+    dict
+        Version of each.
+    """
+    return {name: importlib.metadata.version(name) for name in packages}
 
 
 def reason(error: Exception) -> str:

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from lenscal.arrays import FloatArray, IntArray
 from planning.judgement import judge
 from planning.requirements.magnification import image_axis, required_magnification
 from planning.requirements.margin import Margin, Requirement
-from planning.setting_space import SettingSpace
+from planning.setting_space import SettingSpace, lattice
 from planning.view_space import GeneralStarts
 from planning.viewpoints import Ring
 from planning.views import Subject
@@ -79,9 +80,8 @@ def _settings(
     settings: SettingSpace, requirements: Sequence[Requirement], rng: np.random.Generator
 ) -> FloatArray:
     """(S, size) a lattice of settings, of those whose d/D may do."""
-    axes = [np.linspace(0.0, 1.0, _NODES)] * settings.size
-    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, settings.size)
-    states, valid = settings.states(lattice)
+    shares = lattice(settings, _NODES)
+    states, valid = settings.states(shares)
     low, high = required_magnification(requirements, states.sensor)
     ratio = states.magnification
     may_do = valid & (ratio >= low / _BEYOND) & (ratio <= high * _BEYOND)
@@ -92,7 +92,7 @@ def _settings(
     chosen = np.flatnonzero(may_do)
     if len(chosen) > _SETTINGS:
         chosen = np.sort(rng.choice(chosen, _SETTINGS, replace=False))
-    return lattice[chosen]
+    return shares[chosen]
 
 
 def _directions(subject: Subject, region: Region, rng: np.random.Generator) -> FloatArray:
@@ -158,7 +158,7 @@ def _aimed(
     upright = ring.rotations(centroid + directions[direction], axis)
     rolls = [np.eye(3)]
     if axis == "any":
-        rolls += [_roll(np.pi / 2), _roll(np.pi / 4)]
+        rolls += [Rotation.from_euler("z", turn).as_matrix() for turn in (np.pi / 2, np.pi / 4)]
     count = len(rolls)
     return GeneralStarts(
         subject,
@@ -169,11 +169,6 @@ def _aimed(
         np.zeros(count * len(setting)),
         is_free,
     )
-
-
-def _roll(angle: float) -> FloatArray:
-    sine, cosine = np.sin(angle), np.cos(angle)
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _smallest(requirements: Sequence[Requirement], starts: GeneralStarts) -> FloatArray:

@@ -184,6 +184,11 @@ class LensStates:
         )
 
     @property
+    def settings(self) -> FloatArray:
+        """(3, S) zoom, focus and iris, NaN where there are none."""
+        return np.array([self.zoom, self.focus, self.iris])
+
+    @property
     def sensor(self) -> Sensor:
         """The sensor of all cameras."""
         return self._stack.sensor

@@ -7,24 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 
 import numpy as np
 import pandas as pd
 
-from lenscal.arrays import FloatArray
 from lenscal.sensor import Sensor
 from planning.choices import COLUMNS, choose_settings
 from planning.fixed_lens import FixedLens
 from planning.judgement import judge
 from planning.lens_states import LensStates
-from planning.requirements.depth_of_field import DepthOfField
+from planning.preconditions import asking_of_pupil
 from planning.requirements.magnification import bounding, image_axis
 from planning.requirements.margin import BoundsMagnification, Margin, Requirement
-from planning.requirements.unvignetted import Unvignetted
 from planning.requirements.visibility import Visibility
-from planning.setting_space import SettingSpace
+from planning.setting_space import SettingSpace, lattice
 from planning.settings import AdmissibleSettings
+from planning.stated_views import pose_columns
 from planning.task import Task
 from planning.view_search import FoundViews
 from planning.view_space import OrthogonalStarts
@@ -93,9 +92,7 @@ def _viewpoint(
     position = ring.positions(distance, np.array(arc.deepest))
     pose = ring.pose(position, image_axis(task.requirements))
     row = {name: float(choice[name]) for name in COLUMNS}
-    row |= dict(zip(("x_mm", "y_mm", "z_mm"), map(float, position), strict=True))
-    names = ("rotation_x", "rotation_y", "rotation_z")
-    row |= dict(zip(names, map(float, pose.rotation_vector), strict=True))
+    row |= pose_columns(pose)
     row["angle"] = arc.deepest
     row |= _margins(task, Views.of(pose, _states(lens, choice), subject), row["magnification"])
     row["visibility_margin_mm"] = arc.depth_mm
@@ -122,8 +119,7 @@ def _margins(task: Task, views: Views, magnification: float) -> dict[str, float]
     judgement = judge(task.requirements, views)
     best = int(np.argmax(judgement.smallest_share[0]))
     # Where nothing that is asked depends on the pupil, the iris is left to who takes the pictures.
-    depends = any(isinstance(r, DepthOfField | Unvignetted) for r in task.requirements)
-    iris = views.states.iris if depends else None
+    iris = views.states.iris if asking_of_pupil(task.requirements) else None
     margins: dict[str, float] = {"iris": np.nan if iris is None else float(iris[best])}
     in_view = [float(margin.share[0, best]) for margin in judgement.margins]
     by_ratio = [
@@ -137,6 +133,11 @@ def _margins(task: Task, views: Views, magnification: float) -> dict[str, float]
     return margins
 
 
+@runtime_checkable
+class OnMagnification(Requirement, BoundsMagnification, Protocol):
+    """A requirement on views that also bounds d/D."""
+
+
 @dataclass(frozen=True, slots=True)
 class InBothWays:
     """A requirement on d/D, judged by d/D as in the paper, and in the view as it is.
@@ -147,7 +148,7 @@ class InBothWays:
         The requirement.
     """
 
-    requirement: BoundsMagnification
+    requirement: OnMagnification
 
     @property
     def name(self) -> str:
@@ -169,9 +170,6 @@ class InBothWays:
         """
         states = views.states
         by_ratio = self.requirement.orthogonal_margin(states.magnification, states.sensor)
-        if not isinstance(self.requirement, Requirement):
-            share = np.broadcast_to(by_ratio.share, views.shape)
-            return Margin(share, by_ratio.unit, share, by_ratio.binds)
         seen = self.requirement.margin(views)
         # By the ratio one knows the share; in the view's own unit it is as much of the limit.
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -210,7 +208,7 @@ def orthogonal_requirements(requirements: Sequence[Requirement]) -> list[Require
         Each, those on d/D in both ways, and visibility.
     """
     judged: list[Requirement] = [
-        InBothWays(r) if isinstance(r, BoundsMagnification) else r for r in requirements
+        InBothWays(r) if isinstance(r, OnMagnification) else r for r in requirements
     ]
     if not any(isinstance(r, Visibility) for r in requirements):
         judged.append(Visibility())
@@ -224,7 +222,7 @@ def orthogonal_starts(
     requirements: Sequence[Requirement],
     subject: Subject,
     count: int,
-) -> FoundViews[OrthogonalStarts]:
+) -> OrthogonalStarts:
     """Choose the best of many orthogonal views, whether they satisfy the task or not.
 
     Parameters
@@ -244,20 +242,18 @@ def orthogonal_starts(
 
     Returns
     -------
-    FoundViews
+    OrthogonalStarts
         The best first.
     """
-    axes = [np.linspace(0.0, 1.0, _NODES)] * settings.size
-    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, settings.size)
+    shares = lattice(settings, _NODES)
     angles = np.linspace(-np.pi, np.pi, _ANGLES, endpoint=False) if ring.is_full else np.zeros(1)
     starts = OrthogonalStarts(
         subject,
         settings,
+        np.repeat(shares, len(angles), axis=0),
+        np.tile(angles, len(shares)),
         ring,
         image_axis(task.requirements),
-        np.repeat(lattice, len(angles), axis=0),
-        np.tile(angles, len(lattice)),
     )
-    found = FoundViews.judged(requirements, starts)
-    smallest: FloatArray = found.shares.min(axis=1)
-    return found.some(np.argsort(-smallest, kind="stable")[:count])
+    smallest = FoundViews.judged(requirements, starts).shares.min(axis=1)
+    return starts.some(np.argsort(-smallest, kind="stable")[:count])

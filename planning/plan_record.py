@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -11,13 +10,13 @@ import numpy as np
 import pandas as pd
 
 from lenscal.camera import Camera
-from lenscal.document import write_document
+from lenscal.document import versions, write_document
 from lenscal.pose import Pose
 from planning.blame import Relaxation
 from planning.fixed_lens import FixedLens
 from planning.scene import Scene
 from planning.settings import AdmissibleSettings
-from planning.stated_views import poses_of, states_of
+from planning.stated_views import PLACE, poses_of, records_of, states_of
 from planning.task import Task
 from planning.viewpoints import Ring
 from planning.views import Subject, Views
@@ -112,7 +111,7 @@ class Plan:
     def views(self) -> Views:
         """(1, K) the viewpoints as views, each at its own place, of the lens's states."""
         table = self.viewpoints
-        places = table[["x_mm", "y_mm", "z_mm"]].to_numpy()
+        places = table[list(PLACE)].to_numpy()
         turns = np.array([pose.rotation for pose in self.poses]).reshape(-1, 3, 3)
         subject = Subject(self.task.target, self.task.seen_feature, self.scene, self.region)
         return Views(places[None], turns[None], states_of(self.lens, table), subject)
@@ -148,16 +147,10 @@ class Plan:
                 "standoff_bounds_mm": _finite(settings.standoff_bounds_mm),
             },
             "region": region and {"volume_mm3": region.volume_mm3, "audit": region.audit.to_dict()},
-            "viewpoints": [
-                {str(k): float(v) if np.isfinite(v) else None for k, v in row.items()}
-                for row in self.viewpoints.to_dict("records")
-            ],
+            "viewpoints": records_of(self.viewpoints),
             "why_empty": self.why_empty,
             "relaxations": [relaxation.to_dict() for relaxation in self.relaxations],
-            "made_with": {
-                name: importlib.metadata.version(name)
-                for name in ("lenscal", "manifold3d", "numpy")
-            },
+            "made_with": versions("lenscal", "manifold3d", "numpy"),
         }
         return write_document(path, PLAN_KIND, PLAN_VERSION, body)
 

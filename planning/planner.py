@@ -25,12 +25,10 @@ from planning.orthogonal import (
     orthogonal_viewpoints,
 )
 from planning.plan_record import PLAN_KIND, PLAN_VERSION, Plan
-from planning.preconditions import refuse_unknown
-from planning.requirements.depth_of_field import DepthOfField
+from planning.preconditions import asking_of_pupil, refuse_unknown
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.magnification import contradiction
 from planning.requirements.margin import BoundsMagnification, Requirement
-from planning.requirements.unvignetted import Unvignetted
 from planning.requirements.visibility import Visibility
 from planning.robot_cell import RobotCell
 from planning.robustness import robustness_of
@@ -144,7 +142,7 @@ def plan(
         table = table[table["smallest_margin"] > 0].reset_index(drop=True)
         if not len(table):
             starts = orthogonal_starts(task, ring, space, judged, subject, _STARTS)
-            found = improved(judged, starts.views, kept=kept)
+            found = improved(judged, starts, kept=kept)
             table = _rows(task, found, judged, kept)
     made = replace(empty, region=region, viewpoints=table)
     if not len(table):
@@ -168,8 +166,7 @@ def _judged(task: Task) -> list[Requirement]:
 def _space(lens: LensMap | FixedLens, task: Task) -> SettingSpace:
     if isinstance(lens, FixedLens):
         return FixedSettings(lens, lens.focal_length_mm, np.inf)
-    depends = any(isinstance(r, DepthOfField | Unvignetted) for r in task.requirements)
-    return MapSettings(lens, depends)
+    return MapSettings(lens, bool(asking_of_pupil(task.requirements)))
 
 
 def _rows(
@@ -187,8 +184,9 @@ def _with_confidence(
 ) -> Plan:
     """Say how sure every viewpoint is, and leave out what is not sure enough."""
     table = made.viewpoints.copy()
-    robustness = robustness_of(judged, made.views, errors, seed=seed)
-    shares = np.stack([m.share[0] for m in judge(judged, made.views).margins], axis=-1)
+    views = made.views
+    robustness = robustness_of(judged, views, errors, seed=seed)
+    shares = np.stack([m.share[0] for m in judge(judged, views).margins], axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         in_sigma = np.where(shares == 0, 0.0, shares / robustness.sigma_share)
     names = [r.name for r in judged]

@@ -16,6 +16,22 @@ if TYPE_CHECKING:
     from lenscal.maps.lens_map import LensMap
 
 
+def asking_of_pupil(requirements: Sequence[Requirement]) -> list[Requirement]:
+    """Pick the requirements that depend on the entrance pupil, and so on the iris.
+
+    Parameters
+    ----------
+    requirements
+        All of them.
+
+    Returns
+    -------
+    list of Requirement
+        Those, in their order.
+    """
+    return [r for r in requirements if isinstance(r, DepthOfField | Unvignetted)]
+
+
 def refuse_unknown(requirements: Sequence[Requirement], lens: LensMap | FixedLens) -> None:
     """Refuse requirements that cannot be judged with what is known of a lens.
 
@@ -32,7 +48,7 @@ def refuse_unknown(requirements: Sequence[Requirement], lens: LensMap | FixedLen
         When the entrance pupil is needed but not known, or the place of the projection centre in
         the lens.
     """
-    of_pupil = [r.name for r in requirements if isinstance(r, DepthOfField | Unvignetted)]
+    of_pupil = [requirement.name for requirement in asking_of_pupil(requirements)]
     fixed = isinstance(lens, FixedLens)
     pupil = lens.entrance_pupil_diameter_mm if isinstance(lens, FixedLens) else lens.pupil
     if of_pupil and pupil is None:

@@ -45,6 +45,25 @@ class SettingSpace(Protocol):
         """
 
 
+def lattice(space: SettingSpace, nodes: int) -> FloatArray:
+    """Spread settings evenly over a cube.
+
+    Parameters
+    ----------
+    space
+        The settings.
+    nodes
+        How many along each of its axes, ends included.
+
+    Returns
+    -------
+    FloatArray
+        (nodes ** size, size) between 0 and 1.
+    """
+    axes = [np.linspace(0.0, 1.0, nodes)] * space.size
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, space.size)
+
+
 @dataclass(frozen=True, eq=False)
 class MapSettings:
     """Zoom, focus and, where it matters and several are known, iris of a lens map.

@@ -7,7 +7,6 @@ all targets are chosen and put in order.
 
 from __future__ import annotations
 
-import importlib.metadata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from lenscal.arrays import IntArray
-from lenscal.document import write_document
+from lenscal.document import versions, write_document
 from lenscal.errors import PlanningError
 from lenscal.pose import Pose
 from lenscal.progress import ProgressMaker, silent
@@ -33,7 +32,7 @@ from planning.route import LEVER_MM, Route, shortest_route, travel_between_mm
 from planning.scene import Scene
 from planning.settings import AdmissibleSettings, admissible_settings
 from planning.shared_views import own_candidates, shared_candidates, with_irises
-from planning.stated_views import poses_of
+from planning.stated_views import poses_of, records_of
 from planning.task import Task
 from planning.visibility.exact_test import ExactTest
 
@@ -147,8 +146,8 @@ class CoveringPlan:
             "made_from": self.made_from,
             "tasks": [task.to_dict() for task in self.tasks],
             "safety": self.safety,
-            "viewpoints": _records(self.viewpoints),
-            "coverage": _records(covered),
+            "viewpoints": records_of(self.viewpoints),
+            "coverage": records_of(covered),
             "uncovered": self.uncovered,
             "candidates": self.candidates,
             "at_least": self.cover.at_least,
@@ -159,10 +158,7 @@ class CoveringPlan:
                 and {"volume_mm3": plan.region.volume_mm3, "audit": plan.region.audit.to_dict()}
                 for plan in self.plans
             },
-            "made_with": {
-                name: importlib.metadata.version(name)
-                for name in ("lenscal", "manifold3d", "numpy", "scipy")
-            },
+            "made_with": versions("lenscal", "manifold3d", "numpy", "scipy"),
         }
         return write_document(path, KIND, VERSION, body)
 
@@ -306,14 +302,3 @@ def _tables(
     ]
     viewpoints["smallest_margin"] = groups["smallest_margin"].min().to_numpy()
     return viewpoints, kept
-
-
-def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows as JSON can hold them."""
-    return [
-        {
-            str(name): None if isinstance(value, float) and not np.isfinite(value) else value
-            for name, value in row.items()
-        }
-        for row in table.to_dict("records")
-    ]

@@ -16,9 +16,8 @@ from lenscal.arrays import FloatArray, IntArray
 from lenscal.pose import Pose
 from planning.choices import COLUMNS
 from planning.plan_record import Plan
-from planning.requirements.depth_of_field import DepthOfField
+from planning.preconditions import asking_of_pupil
 from planning.requirements.magnification import image_axis
-from planning.requirements.unvignetted import Unvignetted
 from planning.stated_views import PLACE, pose_columns, poses_of
 from planning.task import Task
 
@@ -115,7 +114,7 @@ def with_irises(
     pandas.DataFrame
         The candidates, those with an open iris several times.
     """
-    asked = any(isinstance(r, DepthOfField | Unvignetted) for t in tasks for r in t.requirements)
+    asked = any(asking_of_pupil(task.requirements) for task in tasks)
     if not asked or len(irises) < 2:
         return candidates
     left_open = candidates["iris"].isna()

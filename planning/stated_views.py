@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pandas as pd
@@ -51,6 +51,28 @@ def pose_columns(pose: Pose) -> dict[str, float]:
     """
     values = [*pose.translation_mm, *pose.rotation_vector]
     return dict(zip((*PLACE, *TURN), map(float, values), strict=True))
+
+
+def records_of(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Give the rows of a table as JSON can hold them.
+
+    Parameters
+    ----------
+    table
+        Viewpoints, or what they cover.
+
+    Returns
+    -------
+    list of dict
+        One per row; None where a number is not finite.
+    """
+    return [
+        {
+            str(name): None if isinstance(value, float) and not np.isfinite(value) else value
+            for name, value in row.items()
+        }
+        for row in table.to_dict("records")
+    ]
 
 
 def states_of(lens: LensMap | FixedLens, viewpoints: pd.DataFrame) -> LensStates:

@@ -18,7 +18,7 @@ from lenscal.arrays import FloatArray
 from lenscal.camera import Camera
 from lenscal.errors import InputError
 from lenscal.pose import Pose
-from planning.body_distance import distance_as_far_as
+from planning.clearance_check import distance_as_far_as
 from planning.requirements.clearance import Clearance
 from planning.requirements.depth_of_field import DepthOfField
 from planning.requirements.field_of_view import FieldOfView

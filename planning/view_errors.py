@@ -99,7 +99,7 @@ class ViewErrors:
             None
             if pupil is None
             else (pupil[:, None] * np.exp(self._pupil(states, normals[:, 14]))).reshape(-1),
-            *(np.repeat(setting, count) for setting in _settings(states)),
+            *(np.repeat(setting, count) for setting in states.settings),
         )
         return Views(places.reshape(1, -1, 3), turns.reshape(1, -1, 3, 3), redrawn, views.subject)
 
@@ -108,7 +108,7 @@ class ViewErrors:
         drawn = np.zeros((len(states), len(normals), 3))
         if isinstance(self.lens, FixedLens):
             return drawn
-        zoom, focus, _ = _settings(states)
+        zoom, focus, _ = states.settings
         covariance = self.lens.core.covariance_at(zoom, focus)
         known = covariance.shape[-1]
         drawn[..., :known] = np.einsum("kab,jb->kja", _roots(covariance), normals[:, :known])
@@ -126,7 +126,7 @@ class ViewErrors:
             nominal = np.zeros((len(states), 3))
             offset = distance_mm - states.object_distance_mm[:, None]
         else:
-            zoom, focus, _ = _settings(states)
+            zoom, focus, _ = states.settings
             points = [nodal_point(self.lens, z, f) for z, f in zip(zoom, focus, strict=True)]
             lateral = np.array([point.sigma_lateral_mm for point in points])
             standoff = states.object_distance_mm + nominal[:, 2]
@@ -164,7 +164,7 @@ class ViewErrors:
         count = len(normals)
         errors = np.zeros((len(states), count, len(_CAMERA)))
         if not isinstance(self.lens, FixedLens):
-            zoom, focus, _ = _settings(states)
+            zoom, focus, _ = states.settings
             for k, name in enumerate(_CAMERA):
                 if name in self.lens.quantities:
                     errors[..., k] = self.lens.sigma(name, zoom, focus)[:, None] * normals[:, k]
@@ -183,18 +183,9 @@ class ViewErrors:
         """(K, J) errors of ln a."""
         if isinstance(self.lens, FixedLens) or states.entrance_pupil_diameter_mm is None:
             return np.zeros((len(states), len(normals)))
-        sigma = self.lens.sigma_entrance_pupil_diameter_mm(*_settings(states))
+        sigma = self.lens.sigma_entrance_pupil_diameter_mm(*states.settings)
         errors: FloatArray = (sigma / states.entrance_pupil_diameter_mm)[:, None] * normals
         return errors
-
-
-def _settings(states: LensStates) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(K,) zoom, focus and iris; NaN where there are none."""
-    unknown = np.full(len(states), np.nan)
-    return tuple(  # type: ignore[return-value]
-        unknown if setting is None else setting
-        for setting in (states.zoom, states.focus, states.iris)
-    )
 
 
 def _roots(covariances: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from lenscal.arrays import BoolArray, FloatArray, IntArray
 from planning.ascent import raise_smallest
 from planning.judgement import judge
 from planning.requirements.margin import Requirement
+from planning.robustness import robustness_of
 from planning.view_errors import ViewErrors
 from planning.view_space import Starts
 
@@ -26,7 +27,7 @@ _DRAWS: Final = 64
 #: Steps for which σ counts as constant.
 _STEPS_PER_SIGMA: Final = 6
 #: σ of a margin counts as no less than this share, so that one that never changes stays finite.
-LEAST_SIGMA: Final = 1e-6
+_LEAST_SIGMA: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,14 +204,14 @@ def improved_in_sigma(
         (K,) the smallest margin of each in σ.
     """
     views = starts
-    largest = np.maximum(sigmas(requirements, views, errors), LEAST_SIGMA)
+    largest = np.maximum(sigmas(requirements, views, errors), _LEAST_SIGMA)
     found = FoundViews.judged(requirements, views)
     smallest = ((found.shares - kept) / largest).min(axis=1)
     for _ in range(max(1, rounds // _STEPS_PER_SIGMA)):
         tried = improved(
             requirements, views, kept=kept, weights=1.0 / largest, rounds=_STEPS_PER_SIGMA
         )
-        sigma = np.maximum(sigmas(requirements, tried.views, errors), LEAST_SIGMA)
+        sigma = np.maximum(sigmas(requirements, tried.views, errors), _LEAST_SIGMA)
         spare = ((tried.shares - kept) / sigma).min(axis=1)
         better = spare > smallest
         largest = np.maximum(largest, sigma)
@@ -237,10 +238,4 @@ def sigmas(requirements: Sequence[Requirement], views: Starts, errors: ViewError
     FloatArray
         (K, R) standard deviation of each margin as a share.
     """
-    normals = errors.normals(_DRAWS, 0)
-    redrawn = errors.redrawn(views.as_views()[0], normals)
-    shares = [
-        np.maximum(margin.share[0], -10.0).reshape(len(views), _DRAWS).std(axis=1)
-        for margin in judge(requirements, redrawn).margins
-    ]
-    return np.stack(shares, axis=-1)
+    return robustness_of(requirements, views.as_views()[0], errors, _DRAWS).sigma_share

@@ -6,8 +6,9 @@ unless depth of field is asked for: then the sharp plane may lie anywhere.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Final, Protocol, Self
+from typing import ClassVar, Final, Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,19 +23,65 @@ from planning.views import Subject, Views
 _DEFOCUS: Final = 0.5
 
 
-class Starts(Protocol):
-    """Views from which a search moves away."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Starts(ABC):
+    """K views from which a search moves away.
+
+    Parameters
+    ----------
+    subject
+        What is looked at.
+    settings
+        What the lens can be set to.
+    shares
+        (K, S) settings; the first S numbers of a move change them.
+    """
+
+    #: Fields with one entry per view.
+    per_view: ClassVar[tuple[str, ...]] = ("shares",)
+
+    subject: Subject
+    settings: SettingSpace
+    shares: FloatArray
 
     @property
+    @abstractmethod
     def size(self) -> int:
         """How many numbers make a move."""
 
-    def __len__(self) -> int:
-        """How many views there are."""
+    @abstractmethod
+    def moved(self, moves: FloatArray) -> Self:
+        """Move away from them.
+
+        Parameters
+        ----------
+        moves
+            (K, J, size) from each.
+
+        Returns
+        -------
+        Starts
+            K · J views.
+        """
+
+    @abstractmethod
+    def as_views(self) -> tuple[Views, BoolArray]:
+        """Give them as views.
+
+        Returns
+        -------
+        views : Views
+            One pose, at K states each with its own place: shape (1, K).
+        valid : BoolArray
+            (K,) whether the lens can be set so.
+        """
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
-        """(K, size) lowest and highest moves."""
+        """(K, size) lowest and highest moves: the ends of the settings."""
+        free = np.full((len(self), self.size - self.settings.size), np.inf)
+        low = np.concatenate([-self.shares, -free], axis=1)
+        return low, np.concatenate([1 - self.shares, free], axis=1)
 
     def some(self, which: IntArray | BoolArray) -> Self:
         """Take some of them.
@@ -49,6 +96,7 @@ class Starts(Protocol):
         Starts
             Those.
         """
+        return replace(self, **{name: getattr(self, name)[which] for name in self.per_view})
 
     def merged(self, other: Self, taken: BoolArray) -> Self:
         """Take some from others.
@@ -65,35 +113,23 @@ class Starts(Protocol):
         Starts
             As many.
         """
+        chosen = {name: getattr(self, name).copy() for name in self.per_view}
+        for name, array in chosen.items():
+            array[taken] = getattr(other, name)[taken]
+        return replace(self, **chosen)
 
-    def moved(self, moves: FloatArray) -> Self:
-        """Move away from them.
+    def _moved_shares(self, moves: FloatArray) -> FloatArray:
+        """(K · J, S) settings after moves, within their ends."""
+        count = self.settings.size
+        shares = np.clip(self.shares[:, None] + moves[..., :count], 0.0, 1.0)
+        return np.asarray(shares.reshape(-1, count))
 
-        Parameters
-        ----------
-        moves
-            (K, J, size) from each.
-
-        Returns
-        -------
-        Starts
-            K · J views.
-        """
-
-    def as_views(self) -> tuple[Views, BoolArray]:
-        """Give them as views.
-
-        Returns
-        -------
-        views : Views
-            One pose, at K states each with its own place: shape (1, K).
-        valid : BoolArray
-            (K,) whether the lens can be set so.
-        """
+    def __len__(self) -> int:
+        return len(self.shares)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GeneralStarts:
+class GeneralStarts(Starts):
     """Views from anywhere in any direction, neither orthogonal nor centred.
 
     Parameters
@@ -114,9 +150,8 @@ class GeneralStarts:
         Whether the sharp plane may leave that middle.
     """
 
-    subject: Subject
-    settings: SettingSpace
-    shares: FloatArray
+    per_view: ClassVar[tuple[str, ...]] = ("shares", "rotations", "aims", "defocus")
+
     rotations: FloatArray
     aims: FloatArray
     defocus: FloatArray
@@ -126,59 +161,6 @@ class GeneralStarts:
     def size(self) -> int:
         """Settings, three rotations, two aims and, where it is free, the sharp plane."""
         return self.settings.size + 5 + self.is_free
-
-    def __len__(self) -> int:
-        return len(self.shares)
-
-    @property
-    def limits(self) -> tuple[FloatArray, FloatArray]:
-        """(K, size) lowest and highest moves: the ends of the settings."""
-        return _limits(self.shares, self.size)
-
-    def some(self, which: IntArray | BoolArray) -> GeneralStarts:
-        """Take some of the starts.
-
-        Parameters
-        ----------
-        which
-            Indices or a mask.
-
-        Returns
-        -------
-        GeneralStarts
-            Those.
-        """
-        return replace(
-            self,
-            shares=self.shares[which],
-            rotations=self.rotations[which],
-            aims=self.aims[which],
-            defocus=self.defocus[which],
-        )
-
-    def merged(self, other: GeneralStarts, taken: BoolArray) -> GeneralStarts:
-        """Take some from others.
-
-        Parameters
-        ----------
-        other
-            As many views.
-        taken
-            (K,) which of them are taken from there.
-
-        Returns
-        -------
-        GeneralStarts
-            As many.
-        """
-        rows = taken[:, None]
-        return replace(
-            self,
-            shares=np.where(rows, other.shares, self.shares),
-            rotations=np.where(rows[:, None], other.rotations, self.rotations),
-            aims=np.where(rows, other.aims, self.aims),
-            defocus=np.where(taken, other.defocus, self.defocus),
-        )
 
     def moved(self, moves: FloatArray) -> GeneralStarts:
         """Start from where moves end.
@@ -194,7 +176,6 @@ class GeneralStarts:
             K · J starts.
         """
         count = self.settings.size
-        shares = np.clip(self.shares[:, None] + moves[..., :count], 0.0, 1.0)
         turns = Rotation.from_rotvec(moves[..., count : count + 3].reshape(-1, 3)).as_matrix()
         turned = self.rotations[:, None] @ turns.reshape(*moves.shape[:2], 3, 3)
         aims = self.aims[:, None] + moves[..., count + 3 : count + 5]
@@ -203,7 +184,7 @@ class GeneralStarts:
             defocus = defocus + _DEFOCUS * moves[..., count + 5]
         return replace(
             self,
-            shares=shares.reshape(-1, count),
+            shares=self._moved_shares(moves),
             rotations=turned.reshape(-1, 3, 3),
             aims=aims.reshape(-1, 2),
             defocus=defocus.reshape(-1),
@@ -272,7 +253,7 @@ def sharp_positions(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OrthogonalStarts:
+class OrthogonalStarts(Starts):
     """Views of the orthogonal case: on the ring about the feature, centred on it.
 
     Parameters
@@ -281,71 +262,26 @@ class OrthogonalStarts:
         What is looked at.
     settings
         What the lens can be set to.
-    ring
-        The directions.
-    axis
-        The image axis that the feature lies along.
     shares
         (K, S) settings.
     angles
         (K,) on the ring in radians.
+    ring
+        The directions.
+    axis
+        The image axis that the feature lies along.
     """
 
-    subject: Subject
-    settings: SettingSpace
+    per_view: ClassVar[tuple[str, ...]] = ("shares", "angles")
+
+    angles: FloatArray
     ring: Ring
     axis: Axis
-    shares: FloatArray
-    angles: FloatArray
 
     @property
     def size(self) -> int:
         """Settings and, on a whole ring, the angle."""
         return self.settings.size + self.ring.is_full
-
-    def __len__(self) -> int:
-        return len(self.shares)
-
-    @property
-    def limits(self) -> tuple[FloatArray, FloatArray]:
-        """(K, size) lowest and highest moves: the ends of the settings."""
-        return _limits(self.shares, self.size)
-
-    def some(self, which: IntArray | BoolArray) -> OrthogonalStarts:
-        """Take some of the views.
-
-        Parameters
-        ----------
-        which
-            Indices or a mask.
-
-        Returns
-        -------
-        OrthogonalStarts
-            Those.
-        """
-        return replace(self, shares=self.shares[which], angles=self.angles[which])
-
-    def merged(self, other: OrthogonalStarts, taken: BoolArray) -> OrthogonalStarts:
-        """Take some from others.
-
-        Parameters
-        ----------
-        other
-            As many views.
-        taken
-            (K,) which of them are taken from there.
-
-        Returns
-        -------
-        OrthogonalStarts
-            As many.
-        """
-        return replace(
-            self,
-            shares=np.where(taken[:, None], other.shares, self.shares),
-            angles=np.where(taken, other.angles, self.angles),
-        )
 
     def moved(self, moves: FloatArray) -> OrthogonalStarts:
         """Move away from the views.
@@ -361,11 +297,10 @@ class OrthogonalStarts:
             K · J views.
         """
         count = self.settings.size
-        shares = np.clip(self.shares[:, None] + moves[..., :count], 0.0, 1.0)
         angles = np.broadcast_to(self.angles[:, None], moves.shape[:2])
         if self.ring.is_full:
             angles = angles + moves[..., count]
-        return replace(self, shares=shares.reshape(-1, count), angles=angles.reshape(-1))
+        return replace(self, shares=self._moved_shares(moves), angles=angles.reshape(-1))
 
     def as_views(self) -> tuple[Views, BoolArray]:
         """Give the views.
@@ -381,9 +316,3 @@ class OrthogonalStarts:
         places = self.ring.positions(states.object_distance_mm, self.angles)
         turned = self.ring.rotations(places, self.axis)
         return Views(places[None], turned[None], states, self.subject), valid
-
-
-def _limits(shares: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
-    """(K, size) lowest and highest moves of which the first ones are shares of a range."""
-    free = np.full((len(shares), size - shares.shape[1]), np.inf)
-    return np.concatenate([-shares, -free], axis=1), np.concatenate([1 - shares, free], axis=1)

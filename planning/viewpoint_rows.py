@@ -11,13 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from lenscal.arrays import FloatArray
 from planning.choices import COLUMNS
+from planning.preconditions import asking_of_pupil
 from planning.requirements.margin import Requirement
+from planning.stated_views import PLACE, TURN
 from planning.task import Task
 from planning.views import Views
 
 #: Decimals to which margins, settings and places count as equal.
 _DIGITS: Final = 6
-_PLACE: Final = ("x_mm", "y_mm", "z_mm", "rotation_x", "rotation_y", "rotation_z")
 
 
 def margin_names(task: Task) -> list[str]:
@@ -54,7 +55,8 @@ def as_table(task: Task, rows: Sequence[Mapping[str, float]]) -> pd.DataFrame:
     columns = [
         *COLUMNS,
         "iris",
-        *_PLACE,
+        *PLACE,
+        *TURN,
         "angle",
         *margin_names(task),
         *("visibility_margin_mm", "smallest_margin"),
@@ -63,7 +65,7 @@ def as_table(task: Task, rows: Sequence[Mapping[str, float]]) -> pd.DataFrame:
     # What differs by rounding only is ordered by the setting and the place, on every machine alike.
     order = np.lexsort(
         [
-            *(table[name].round(_DIGITS) for name in ("z_mm", "y_mm", "x_mm", "focus", "zoom")),
+            *(table[name].round(_DIGITS) for name in (*PLACE[::-1], "focus", "zoom")),
             -table["smallest_margin"].round(_DIGITS),
         ]
     )
@@ -99,14 +101,10 @@ def rows_of(
     """
     states = views.states
     unknown = np.full(len(states), np.nan)
-    zoom, focus, iris = (
-        unknown if setting is None else setting
-        for setting in (states.zoom, states.focus, states.iris)
-    )
+    zoom, focus, iris = states.settings
     centre = states.projection_centre_mm
     # The projection centre of a fixed lens is its own reference: there is no offset to speak of.
     offset = unknown if centre is None else np.where(np.isnan(zoom), np.nan, -centre[:, 2])
-    depends = any(r.name in ("depth_of_field", "unvignetted") for r in task.requirements)
     columns: dict[str, FloatArray] = {
         "zoom": zoom,
         "focus": focus,
@@ -115,12 +113,12 @@ def rows_of(
         "image_distance_mm": states.image_distance_mm,
         "nodal_offset_mm": offset,
         "standoff_mm": states.object_distance_mm - offset,
-        "iris": iris if depends else unknown,
+        "iris": iris if asking_of_pupil(task.requirements) else unknown,
         "angle": unknown if angles is None else angles,
     }
     turns = Rotation.from_matrix(views.rotations[0]).as_rotvec()
     places = np.concatenate([views.positions_mm[0], turns], axis=1)
-    columns |= dict(zip(_PLACE, places.T, strict=True))
+    columns |= dict(zip((*PLACE, *TURN), places.T, strict=True))
     for k, requirement in enumerate(requirements):
         name = f"{requirement.name}_margin"
         columns[name] = np.minimum(columns.get(name, np.inf), shares[:, k])

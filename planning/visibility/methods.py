@@ -7,14 +7,13 @@ independent test audits what comes out.
 
 from __future__ import annotations
 
-import importlib.metadata
 from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 from manifold3d import Manifold
 
-from lenscal.document import digest
+from lenscal.document import digest, versions
 from lenscal.errors import GeometryError, InputError
 from lenscal.progress import Progress
 from planning.boolean import from_manifold, intersect, to_manifold
@@ -200,11 +199,10 @@ def _why_empty(
 
 
 def _evidence(scene: Scene, target: Target, method: str, seed: int) -> dict[str, Any]:
-    names = ("lenscal", "manifold3d", "numpy")
     return {
         "method": method,
         "audit_seed": seed,
         "scene_digest": scene.digest,
         "target_digest": digest({"vertices_mm": target.vertices_mm.tolist()}),
-        "made_with": {name: importlib.metadata.version(name) for name in names},
+        "made_with": versions("lenscal", "manifold3d", "numpy"),
     }

@@ -82,7 +82,7 @@ def test_orthogonal_views_look_at_the_middle(lens_map, subject) -> None:
     part = example_part()
     ring = Ring.about(part.feature, part.target)
     starts = OrthogonalStarts(
-        subject, MapSettings(lens_map), ring, "x", np.full((2, 2), 0.5), np.array([0.2, -0.4])
+        subject, MapSettings(lens_map), np.full((2, 2), 0.5), np.array([0.2, -0.4]), ring, "x"
     )
     assert starts.size == 3
     views, valid = starts.moved(np.tile([0.1, 0.2, 0.3], (2, 1, 1))).as_views()
@@ -93,10 +93,10 @@ def test_orthogonal_views_look_at_the_middle(lens_map, subject) -> None:
     face = OrthogonalStarts(
         subject,
         MapSettings(lens_map),
-        Ring.about(part.target, part.target),
-        "any",
         np.full((1, 2), 0.5),
         np.zeros(1),
+        Ring.about(part.target, part.target),
+        "any",
     )
     assert face.size == 2, "a face is seen along its normal only"
 
