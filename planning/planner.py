@@ -37,7 +37,7 @@ from planning.setting_space import FixedSettings, MapSettings, SettingSpace
 from planning.settings import AdmissibleSettings, admissible_settings
 from planning.task import Task
 from planning.view_errors import ViewErrors
-from planning.view_search import FoundViews, improved
+from planning.view_search import FoundViews, improved, improved_in_sigma
 from planning.viewpoint_rows import as_table, rows_of
 from planning.viewpoints import Ring
 from planning.views import Subject
@@ -51,6 +51,8 @@ __all__ = ["PLAN_KIND", "PLAN_VERSION", "Plan", "plan"]
 
 #: Orthogonal views that are followed when none satisfies the task.
 _STARTS: Final = 8
+#: Further steps at a time while no general view is sure enough.
+_FURTHER: Final = 30
 
 
 def plan(
@@ -149,7 +151,12 @@ def plan(
         blamed = relaxations(judged, found, kept, len(task.requirements))
         why = why_none(blamed, judged, found, kept, task.workspace)
         return replace(made, relaxations=blamed, why_empty=why)
-    return made if errors is None else _with_confidence(made, judged, errors, seed)
+    if errors is None:
+        return made
+    made = _with_probabilities(made, judged, errors, seed)
+    if task.views == "general":
+        made = _made_surer(made, found, judged, kept, errors, seed)
+    return _sure_enough(made, judged)
 
 
 def _judged(task: Task) -> list[Requirement]:
@@ -179,10 +186,32 @@ def _rows(
     return rows_of(task, good.views.as_views()[0], judged, good.shares, angles)
 
 
-def _with_confidence(
+def _made_surer(
+    made: Plan,
+    found: FoundViews[Any],
+    judged: Sequence[Requirement],
+    kept: FloatArray,
+    errors: ViewErrors,
+    seed: int,
+) -> Plan:
+    """Go on with the search while no view is as sure as is asked, but each time a surer one."""
+    wanted = made.task.confidence or 0.0
+    best = made.viewpoints["probability"].max()
+    while best < wanted:
+        found, _ = improved_in_sigma(judged, found.views, errors, kept=kept, rounds=_FURTHER)
+        table = _rows(made.task, found, judged, kept)
+        further = _with_probabilities(replace(made, viewpoints=table), judged, errors, seed)
+        surest = further.viewpoints["probability"].max()
+        if surest <= best:
+            break
+        made, best = further, surest
+    return made
+
+
+def _with_probabilities(
     made: Plan, judged: Sequence[Requirement], errors: ViewErrors, seed: int
 ) -> Plan:
-    """Say how sure every viewpoint is, and leave out what is not sure enough."""
+    """Say how sure every viewpoint is."""
     table = made.viewpoints.copy()
     views = made.views
     robustness = robustness_of(judged, views, errors, seed=seed)
@@ -198,15 +227,20 @@ def _with_confidence(
     # At one setting many views are equally sure but for rounding: the larger margin goes first.
     in_order = (-table["smallest_margin"], -table["smallest_margin_sigmas"], -table["probability"])
     order = np.lexsort([column.round(4) for column in in_order])
-    table = table.iloc[order].reset_index(drop=True)
-    wanted = made.task.confidence
+    return replace(made, viewpoints=table.iloc[order].reset_index(drop=True))
+
+
+def _sure_enough(made: Plan, judged: Sequence[Requirement]) -> Plan:
+    """Leave out what is not as sure as is asked."""
+    table, wanted = made.viewpoints, made.task.confidence
     if wanted is None:
-        return replace(made, viewpoints=table)
+        return made
     sure = table[table["probability"] >= wanted].reset_index(drop=True)
     why = ""
     if not len(sure):
         best = table.iloc[0]
-        weakest = min(dict.fromkeys(names), key=lambda n: best[f"{n}_margin_sigmas"])
+        names = dict.fromkeys(r.name for r in judged)
+        weakest = min(names, key=lambda n: best[f"{n}_margin_sigmas"])
         why = (
             f"confidence: {wanted:.4g} is asked, but the surest of {len(table)} viewpoints "
             f"satisfies everything with a probability of {best['probability']:.3f}; {weakest} is "
