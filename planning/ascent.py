@@ -71,8 +71,8 @@ def raise_smallest(
     shape
         K and n.
     raised
-        (R,) the margins whose smallest is raised. The others shall be positive: as long as one is
-        not, the smallest of those is raised instead.
+        (R,) or (K, R) the margins whose smallest is raised. The others shall be positive: as long
+        as one is not, the smallest of those is raised instead.
     limits
         (K, n) lowest and highest moves; None for none.
     weights
@@ -91,9 +91,10 @@ def raise_smallest(
     """
     count = shape[0]
     low, high = limits or (np.full(shape, -np.inf), np.full(shape, np.inf))
-    climbers = [_Climber(raised, radius, low[k], high[k]) for k in range(count)]
     at = np.zeros(shape)
     now, slopes, _ = _with_slopes(margins, np.arange(count), at, high)
+    raised = np.broadcast_to(raised, now.shape)
+    climbers = [_Climber(raised[k], radius, low[k], high[k]) for k in range(count)]
     if weights is None:
         weights = np.ones_like(now)
     for k, climber in enumerate(climbers):
@@ -112,8 +113,8 @@ def raise_smallest(
             margins, moving, at[moving] + steps[moving], high, shorter
         )
         tried = np.concatenate([found[:, None], less], axis=1)
-        merit = _merit(tried * weights[moving, None], raised)
-        before = _merit(now[moving] * weights[moving], raised)
+        merit = _merit(tried * weights[moving, None], raised[moving, None])
+        before = _merit(now[moving] * weights[moving], raised[moving])
         best = merit.argmax(axis=1)
         missing = []
         for row, k in enumerate(map(int, moving)):
@@ -213,12 +214,10 @@ def _with_slopes(
 
 def _merit(margins: FloatArray, raised: BoolArray) -> FloatArray:
     """(...) how much (..., R) margins please: that the others hold counts first."""
-    wanted = margins[..., raised].min(axis=-1)
-    if raised.all():
-        return np.asarray(wanted)
-    held = margins[..., ~raised].min(axis=-1)
+    wanted = np.where(raised, margins, np.inf).min(axis=-1)
+    held = np.where(raised, np.inf, margins).min(axis=-1)
     merit: FloatArray = np.where(held >= 0, np.maximum(wanted, _NOTHING), 2 * _NOTHING + held)
-    return merit
+    return np.where(raised.all(axis=-1), wanted, merit)
 
 
 def _finite(margins: FloatArray) -> FloatArray:

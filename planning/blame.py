@@ -8,7 +8,7 @@ better may exist.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -19,6 +19,9 @@ from planning.requirements.margin import Requirement
 from planning.solid import Solid
 from planning.view_search import FoundViews, improved
 from planning.view_space import Starts
+
+#: Views from which to search, when of each limit an (R,) share is kept.
+FindStarts = Callable[[FloatArray], Starts]
 
 #: Views from which each requirement is raised.
 _STARTS: Final = 5
@@ -90,6 +93,7 @@ def relaxations(
     found: FoundViews[Starts],
     kept: FloatArray,
     asked: int,
+    find_starts: FindStarts,
 ) -> tuple[Relaxation, ...]:
     """Find the single requirements whose giving way would make a task feasible.
 
@@ -103,6 +107,8 @@ def relaxations(
         (R,) the share of each limit that is kept besides.
     asked
         How many of the requirements, the first ones, the task states.
+    find_starts
+        Gives views from which to search, when of each limit an (R,) share is kept.
 
     Returns
     -------
@@ -112,11 +118,19 @@ def relaxations(
     """
     order = np.argsort(-(found.shares - kept).min(axis=1), kind="stable")[:_STARTS]
     starts = found.some(order)
-    single = [
-        relaxation
-        for index in range(len(requirements))
-        if (relaxation := _of_one(requirements, index, starts, kept)) is not None
-    ]
+    count = len(requirements)
+    first = _raised(requirements, [starts.views] * count, kept)
+    # Where it may lack as much as that, other views are as good, and some lead farther.
+    given = kept + np.zeros((count, 1))
+    lacking = [best.shares[0, k] if len(best) else -1.0 for k, best in enumerate(first)]
+    np.fill_diagonal(given, lacking)
+    second = _raised(requirements, [find_starts(row) for row in given], kept)
+    single = []
+    for index, both in enumerate(zip(first, second, strict=True)):
+        possible = [best for best in both if len(best)]
+        if possible:
+            best = max(possible, key=lambda found: float(found.values[0, index]))
+            single.append(_relaxation(requirements, index, best, kept))
     stated = [replace(relaxation, is_asked=relaxation.index < asked) for relaxation in single]
     return tuple(sorted(stated, key=lambda r: (not r.is_asked, r.lacking_share)))
 
@@ -191,23 +205,14 @@ def _in_words(relaxation: Relaxation, workspace: Solid) -> tuple[str, str]:
     )
 
 
-def _of_one(
-    requirements: Sequence[Requirement],
-    index: int,
-    starts: FoundViews[Starts],
-    kept: FloatArray,
-) -> Relaxation | None:
-    raised = np.arange(len(requirements)) == index
-    best = improved(requirements, starts.views, kept=kept, raised=raised, by_value=True)
-    others = (best.shares - kept)[:, ~raised].min(axis=1, initial=np.inf) >= -_SLACK
-    possible = others & np.isfinite(best.values[:, index])
-    if not possible.any():
-        return None
-    row = int(np.argmax(np.where(possible, best.values[:, index], -np.inf)))
-    value, share = float(best.values[row, index]), float(best.shares[row, index])
+def _relaxation(
+    requirements: Sequence[Requirement], index: int, best: FoundViews[Starts], kept: FloatArray
+) -> Relaxation:
+    """What one requirement lacks in the one view that is best for it."""
+    value, share = float(best.values[0, index]), float(best.shares[0, index])
     # What is kept besides is a share of the limit, in the unit as much as that.
     limit = value / share if share else 0.0
-    view = best.views.some(np.array([row])).as_views()[0]
+    view = best.views.as_views()[0]
     x, y, z = view.positions_mm[0, 0]
     return Relaxation(
         index,
@@ -218,3 +223,24 @@ def _of_one(
         requirements[index].describe(view.states.sensor),
         (float(x), float(y), float(z)),
     )
+
+
+def _raised(
+    requirements: Sequence[Requirement], starts: Sequence[Starts], kept: FloatArray
+) -> list[FoundViews[Starts]]:
+    """For each requirement the view, or none, at which it is best while all others hold.
+
+    All are sought at once, from starts for each.
+    """
+    whose = np.repeat(np.arange(len(requirements)), [len(views) for views in starts])
+    raised = whose[:, None] == np.arange(len(requirements))
+    together = starts[0].joined(starts[1:])
+    found = improved(requirements, together, kept=kept, raised=raised, by_value=True)
+    others = np.where(raised, np.inf, found.shares - kept).min(axis=1)
+    value = found.values[np.arange(len(found)), whose]
+    possible = (others >= -_SLACK) & np.isfinite(value)
+    best = []
+    for index in range(len(requirements)):
+        rows = np.flatnonzero(possible & (whose == index))
+        best.append(found.some(rows[np.argsort(-value[rows], kind="stable")[:1]]))
+    return best

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lenscal.arrays import FloatArray, IntArray
+from lenscal.arrays import BoolArray, FloatArray, IntArray
 from planning.judgement import judge
 from planning.requirements.magnification import image_axis, required_magnification
-from planning.requirements.margin import Margin, Requirement
+from planning.requirements.margin import BoundsMagnification, Margin, Requirement
 from planning.setting_space import SettingSpace, lattice
 from planning.view_space import GeneralStarts
 from planning.viewpoints import Ring
@@ -34,15 +35,8 @@ _SINE: Final = 0.05
 _CLOSE: Final = 0.1
 
 
-def find_starts(
-    subject: Subject,
-    region: Region,
-    settings: SettingSpace,
-    requirements: Sequence[Requirement],
-    count: int,
-    rng: np.random.Generator,
-) -> GeneralStarts:
-    """Choose views from which a search may start: the best of many, but far from each other.
+class Candidates:
+    """Many views, of which the best that are far from each other are given as starts.
 
     Parameters
     ----------
@@ -53,27 +47,70 @@ def find_starts(
     settings
         What the lens can be set to.
     requirements
-        What shall hold.
-    count
-        How many starts, at most.
+        R that shall hold.
     rng
         Draws directions.
-
-    Returns
-    -------
-    GeneralStarts
-        The starts, the most promising first.
     """
-    is_free = any(r.name == "depth_of_field" for r in requirements)
-    shares = _settings(settings, requirements, rng)
-    directions = _directions(subject, region, rng)
-    tried = _aimed(subject, region, settings, requirements, shares, directions, rng, is_free)
-    cheap = [r for r in requirements if r.name not in _COSTLY]
-    promise = _smallest(cheap, tried)
-    kept = np.argsort(-promise, kind="stable")[:_JUDGED_BY_ALL]
-    tried, promise = tried.some(kept), promise[kept]
-    promise = np.minimum(promise, _smallest([r for r in requirements if r.name in _COSTLY], tried))
-    return tried.some(_apart(tried, promise, count))
+
+    def __init__(
+        self,
+        subject: Subject,
+        region: Region,
+        settings: SettingSpace,
+        requirements: Sequence[Requirement],
+        rng: np.random.Generator,
+    ) -> None:
+        self.requirements = tuple(requirements)
+        self._settings, self._rng = settings, rng
+        self._costly = np.array([r.name in _COSTLY for r in requirements])
+        self._bounding = np.array([isinstance(r, BoundsMagnification) for r in requirements])
+        self._directions = _directions(subject, region, rng)
+        is_free = any(r.name == "depth_of_field" for r in requirements)
+        self._aimed = partial(_aimed, subject, region, settings, requirements, rng, is_free)
+        self._pools: dict[bytes, tuple[GeneralStarts, FloatArray]] = {}
+
+    def best(self, count: int, kept: FloatArray) -> GeneralStarts:
+        """Choose views from which a search may start.
+
+        Parameters
+        ----------
+        count
+            How many, at most.
+        kept
+            (R,) the share of each limit that is kept besides; negative for one that may be missed.
+
+        Returns
+        -------
+        GeneralStarts
+            The starts, the most promising first.
+        """
+        tried, shares = self._pool(self._bounding & (kept >= 0))
+        promise = (shares - kept[~self._costly]).min(axis=1, initial=np.inf)
+        most = np.argsort(-promise, kind="stable")[:_JUDGED_BY_ALL]
+        tried, promise = tried.some(most), promise[most]
+        costly = self._shares(tried, self._costly) - kept[self._costly]
+        promise = np.minimum(promise, costly.min(axis=1, initial=np.inf))
+        return tried.some(_apart(tried, promise, count))
+
+    def _pool(self, firm: BoolArray) -> tuple[GeneralStarts, FloatArray]:
+        """Views at settings that may meet the firm bounds on d/D, and their cheap margins."""
+        key = firm.tobytes()
+        if key not in self._pools:
+            bounds = [r for r, is_firm in zip(self.requirements, firm, strict=True) if is_firm]
+            tried = self._aimed(_settings(self._settings, bounds, self._rng), self._directions)
+            self._pools[key] = tried, self._shares(tried, ~self._costly)
+        return self._pools[key]
+
+    def _shares(self, starts: GeneralStarts, asked: BoolArray) -> FloatArray:
+        """(K, A) margins of the requirements asked."""
+        which = [r for r, is_asked in zip(self.requirements, asked, strict=True) if is_asked]
+        if not which:
+            return np.zeros((len(starts), 0))
+        views, valid = starts.as_views()
+        margins: tuple[Margin, ...] = judge(which, views).margins
+        # Of what is far from holding nothing is said apart.
+        shares = np.stack([np.maximum(margin.share[0], -10.0) for margin in margins], axis=-1)
+        return np.where(valid[:, None], shares, -np.inf)
 
 
 def _settings(
@@ -131,10 +168,10 @@ def _aimed(
     region: Region,
     settings: SettingSpace,
     requirements: Sequence[Requirement],
-    shares: FloatArray,
-    directions: FloatArray,
     rng: np.random.Generator,
     is_free: bool,
+    shares: FloatArray,
+    directions: FloatArray,
 ) -> GeneralStarts:
     """Look at the feature's centroid along directions at settings, from inside of the region."""
     distances = settings.states(shares)[0].object_distance_mm
@@ -169,17 +206,6 @@ def _aimed(
         np.zeros(count * len(setting)),
         is_free,
     )
-
-
-def _smallest(requirements: Sequence[Requirement], starts: GeneralStarts) -> FloatArray:
-    """(K,) the smallest share of requirements; infinite where there are none."""
-    if not requirements:
-        return np.full(len(starts), np.inf)
-    views, valid = starts.as_views()
-    margins: tuple[Margin, ...] = judge(requirements, views).margins
-    # Of what cannot be, and of what is far from holding, nothing is said apart.
-    shares = np.min([np.maximum(margin.share[0], -10.0) for margin in margins], axis=0)
-    return np.where(valid, shares, -np.inf)
 
 
 def _apart(starts: GeneralStarts, promise: FloatArray, count: int) -> IntArray:

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from lenscal.arrays import FloatArray, IntArray
-from planning.candidates import find_starts
-from planning.requirements.margin import Requirement
-from planning.setting_space import SettingSpace
+from planning.candidates import Candidates
 from planning.view_errors import ViewErrors
 from planning.view_search import FoundViews, improved, improved_in_sigma
 from planning.view_space import GeneralStarts
-from planning.views import Subject
-from planning.visibility.region import Region
 
 #: Starts, how many steps all of them are followed, and how many of them to the end.
 _STARTS, _FIRST_STEPS, _FOLLOWED, _STEPS = 12, 6, 6, 24
@@ -24,39 +19,25 @@ _SAME: Final = 0.02
 
 
 def general_views(
-    subject: Subject,
-    region: Region,
-    settings: SettingSpace,
-    requirements: Sequence[Requirement],
-    kept: FloatArray,
-    errors: ViewErrors | None,
-    rng: np.random.Generator,
+    candidates: Candidates, kept: FloatArray, errors: ViewErrors | None
 ) -> FoundViews[GeneralStarts]:
     """Search for the views whose smallest margin is largest.
 
     Parameters
     ----------
-    subject
-        What is looked at.
-    region
-        From where it is seen whole; not empty.
-    settings
-        What the lens can be set to.
-    requirements
-        R that shall hold, visibility among them.
+    candidates
+        Where the search may start; what shall hold, visibility among it.
     kept
         (R,) the share of each limit that is kept besides.
     errors
         How well lens and robot are known: then margins count in σ.
-    rng
-        Draws where the search starts.
 
     Returns
     -------
     FoundViews
         Views that differ from each other, the most robust first, whether they satisfy all or not.
     """
-    starts = find_starts(subject, region, settings, requirements, _STARTS, rng)
+    starts, requirements = candidates.best(_STARTS, kept), candidates.requirements
     for rounds in (_FIRST_STEPS, _STEPS):
         if errors is None:
             found = improved(requirements, starts, kept=kept, rounds=rounds)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 import numpy as np
 import pandas as pd
 
+from lenscal.arrays import FloatArray
 from lenscal.sensor import Sensor
 from planning.choices import COLUMNS, choose_settings
 from planning.fixed_lens import FixedLens
@@ -222,6 +223,7 @@ def orthogonal_starts(
     requirements: Sequence[Requirement],
     subject: Subject,
     count: int,
+    kept: FloatArray,
 ) -> OrthogonalStarts:
     """Choose the best of many orthogonal views, whether they satisfy the task or not.
 
@@ -239,6 +241,8 @@ def orthogonal_starts(
         What is looked at, with its region.
     count
         How many views.
+    kept
+        (R,) the share of each limit that is kept besides; negative for one that may be missed.
 
     Returns
     -------
@@ -255,5 +259,5 @@ def orthogonal_starts(
         ring,
         image_axis(task.requirements),
     )
-    smallest = FoundViews.judged(requirements, starts).shares.min(axis=1)
+    smallest = (FoundViews.judged(requirements, starts).shares - kept).min(axis=1)
     return starts.some(np.argsort(-smallest, kind="stable")[:count])

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pandas as pd
 
 from lenscal.arrays import FloatArray
-from planning.blame import relaxations, why_none
+from planning.blame import FindStarts, relaxations, why_none
+from planning.candidates import Candidates
 from planning.fixed_lens import FixedLens
 from planning.general import general_views
 from planning.judgement import judge
@@ -49,8 +51,8 @@ if TYPE_CHECKING:
 
 __all__ = ["PLAN_KIND", "PLAN_VERSION", "Plan", "plan"]
 
-#: Orthogonal views that are followed when none satisfies the task.
-_STARTS: Final = 8
+#: Views that are followed when none satisfies the task.
+_STARTS: Final = 6
 #: Further steps at a time while no general view is sure enough.
 _FURTHER: Final = 30
 
@@ -135,20 +137,23 @@ def plan(
     space = _space(lens, task)
     errors = ViewErrors(lens, cell) if cell is not None or task.confidence else None
     found: FoundViews[Any]
+    starts: FindStarts
     if task.views == "general":
         rng = np.random.default_rng(seed)
-        found = general_views(subject, region, space, judged, kept, errors, rng)
+        candidates = Candidates(subject, region, space, judged, rng)
+        starts = partial(candidates.best, _STARTS)
+        found = general_views(candidates, kept, errors)
         table = _rows(task, found, judged, kept)
     else:
+        starts = partial(orthogonal_starts, task, ring, space, judged, subject, _STARTS)
         table = orthogonal_viewpoints(task, ring, settings, settings_tried, subject, region)
         table = table[table["smallest_margin"] > 0].reset_index(drop=True)
         if not len(table):
-            starts = orthogonal_starts(task, ring, space, judged, subject, _STARTS)
-            found = improved(judged, starts, kept=kept)
+            found = improved(judged, starts(kept), kept=kept)
             table = _rows(task, found, judged, kept)
     made = replace(empty, region=region, viewpoints=table)
     if not len(table):
-        blamed = relaxations(judged, found, kept, len(task.requirements))
+        blamed = relaxations(judged, found, kept, len(task.requirements), starts)
         why = why_none(blamed, judged, found, kept, task.workspace)
         return replace(made, relaxations=blamed, why_empty=why)
     if errors is None:

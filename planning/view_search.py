@@ -136,8 +136,8 @@ def improved(
     kept
         (R,) the share of each limit that is kept besides; it is taken off the margins.
     raised
-        (R,) the margins whose smallest is raised, while the others are kept positive; None for
-        all.
+        (R,) or (K, R) the margins whose smallest is raised, while the others are kept positive;
+        None for all.
     by_value
         Whether what is raised counts in its unit, and not as a share.
     weights
@@ -150,14 +150,16 @@ def improved(
     FoundViews
         K views, with their margins as they are.
     """
-    raised = np.ones(len(requirements), dtype=bool) if raised is None else raised
+    shape = len(starts), len(requirements)
+    raised = np.broadcast_to(True if raised is None else raised, shape)
 
     def margins(which: IntArray, moves: FloatArray) -> FloatArray:
         found = FoundViews.judged(requirements, starts.some(which).moved(moves))
-        table = found.shares - kept
+        table = (found.shares - kept).reshape(*moves.shape[:2], len(requirements))
         if by_value:
-            table = np.where(raised, found.values, table)
-        return table.reshape(*moves.shape[:2], len(requirements))
+            values = found.values.reshape(table.shape)
+            table = np.where(raised[which, None], values, table)
+        return table
 
     end = raise_smallest(
         margins,

@@ -7,8 +7,9 @@ unless depth of field is asked for: then the sharp plane may lie anywhere.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -117,6 +118,25 @@ class Starts(ABC):
         for name, array in chosen.items():
             array[taken] = getattr(other, name)[taken]
         return replace(self, **chosen)
+
+    def joined(self, others: Sequence[Self]) -> Self:
+        """Put others behind them.
+
+        Parameters
+        ----------
+        others
+            Of the same subject and settings.
+
+        Returns
+        -------
+        Starts
+            All.
+        """
+        joined: dict[str, Any] = {
+            name: np.concatenate([getattr(starts, name) for starts in (self, *others)])
+            for name in self.per_view
+        }
+        return replace(self, **joined)
 
     def _moved_shares(self, moves: FloatArray) -> FloatArray:
         """(K · J, S) settings after moves, within their ends."""
