@@ -6,10 +6,12 @@ from typing import Final
 
 import numpy as np
 
-from lenscal.arrays import FloatArray, IntArray
+from lenscal.arrays import BoolArray, FloatArray, IntArray
 
 #: How far, as a share of the size of all vertices, corners may be off the plane or the convex side.
 _TOLERANCE: Final = 1e-11
+#: Of polygons thinner than this share of their length the side they turn to a point is unsure.
+_THIN: Final = 1e-6
 
 
 def area_vectors(corners: FloatArray) -> FloatArray:
@@ -28,6 +30,25 @@ def area_vectors(corners: FloatArray) -> FloatArray:
     local = corners - corners[..., :1, :]
     vectors: FloatArray = np.cross(local, np.roll(local, -1, axis=-2)).sum(axis=-2) / 2
     return vectors
+
+
+def is_thin(corners: FloatArray) -> BoolArray:
+    """Tell which polygons are so thin that the side they turn to a point is unsure.
+
+    Parameters
+    ----------
+    corners
+        (N, K, 3) corners in order; a corner that is repeated changes nothing.
+
+    Returns
+    -------
+    BoolArray
+        (N,) whether the area is less than a millionth of the longest side squared, or zero.
+    """
+    sides = corners - np.roll(corners, 1, axis=1)
+    area = np.linalg.norm(area_vectors(corners), axis=-1)
+    thin: BoolArray = area <= _THIN * (sides**2).sum(axis=-1).max(axis=1)
+    return thin
 
 
 def merge_convex(vertices: FloatArray, triangles: IntArray) -> list[IntArray]:

@@ -14,11 +14,53 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from lenscal.arrays import FloatArray, IntArray
-from planning.polygons import merge_convex
+from planning.polygons import area_vectors, is_thin, merge_convex
 from planning.solid import Solid
 
 #: A body whose hull is larger by less than this share of its volume is convex.
 _CONVEX: Final = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlatFaces:
+    """Convex polygons with the same number of corners.
+
+    Parameters
+    ----------
+    corners
+        (N, K) indices of their corners in order.
+    normals
+        (N, 3) unit normals; zero for a polygon so thin that its normal is unsure.
+    offsets_mm
+        (N,) normal · point of each.
+    """
+
+    corners: IntArray
+    normals: FloatArray
+    offsets_mm: FloatArray
+
+    @classmethod
+    def of(cls, vertices_mm: FloatArray, corners: IntArray) -> FlatFaces:
+        """Work out the planes of polygons.
+
+        Parameters
+        ----------
+        vertices_mm
+            (V, 3) points in mm.
+        corners
+            (N, K) indices.
+
+        Returns
+        -------
+        FlatFaces
+            The polygons.
+        """
+        points = vertices_mm[corners]
+        vectors = area_vectors(points)
+        area = np.linalg.norm(vectors, axis=-1, keepdims=True)
+        sure = ~is_thin(points)[:, None]
+        normals = np.divide(vectors, area, out=np.zeros_like(vectors), where=sure)
+        return cls(corners, normals, np.einsum("ni,ni->n", normals, points.mean(axis=1)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,13 +74,13 @@ class SurfacePart:
     is_convex
         Whether they bound a convex body.
     polygons
-        Of faces that do not: convex polygons, neighbours in one plane merged, as (N, K) indices of
-        corners in order, one array for each number of corners.
+        Of faces that do not: convex polygons, neighbours in one plane merged, together by number
+        of corners.
     """
 
     faces: IntArray
     is_convex: bool
-    polygons: tuple[IntArray, ...]
+    polygons: tuple[FlatFaces, ...]
 
 
 def surface_parts(surface: Solid, is_closed: bool) -> tuple[SurfacePart, ...]:
@@ -60,21 +102,23 @@ def surface_parts(surface: Solid, is_closed: bool) -> tuple[SurfacePart, ...]:
     low, high = surface.bounds_mm
     vertices = (surface.vertices_mm - (low + high) / 2) / float((high - low).max())
     if not is_closed:
-        return (SurfacePart(surface.faces, False, _polygons(vertices, surface.faces)),)
-    return tuple(_part(vertices, faces) for faces in connected_faces(surface))
+        return (_flat(surface, vertices, surface.faces),)
+    return tuple(
+        SurfacePart(faces, True, ())
+        if is_convex_body(vertices, faces)
+        else _flat(surface, vertices, faces)
+        for faces in connected_faces(surface)
+    )
 
 
-def _part(vertices: FloatArray, faces: IntArray) -> SurfacePart:
-    convex = is_convex_body(vertices, faces)
-    return SurfacePart(faces, convex, () if convex else _polygons(vertices, faces))
-
-
-def _polygons(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, ...]:
+def _flat(surface: Solid, vertices: FloatArray, faces: IntArray) -> SurfacePart:
     loops = merge_convex(vertices, faces)
     sizes = np.array([len(loop) for loop in loops])
-    return tuple(
+    batches = (
         np.array([loops[i] for i in np.flatnonzero(sizes == size)]) for size in np.unique(sizes)
     )
+    polygons = tuple(FlatFaces.of(surface.vertices_mm, corners) for corners in batches)
+    return SurfacePart(faces, False, polygons)
 
 
 def connected_faces(body: Solid) -> list[IntArray]:

@@ -127,6 +127,24 @@ class ConvexPieces:
         """
         return self.corners[self.starts[index] : self.starts[index + 1]]
 
+    def boxes_of(self, which: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Give the boxes about pieces.
+
+        Parameters
+        ----------
+        which
+            (M,) their numbers.
+
+        Returns
+        -------
+        low, high : FloatArray
+            (M, 3) lowest and highest coordinates of each.
+        """
+        counts = np.diff(self.starts)[which]
+        corners = self.corners[_runs(self.starts[which], counts)]
+        starts = np.cumsum(counts) - counts
+        return np.minimum.reduceat(corners, starts), np.maximum.reduceat(corners, starts)
+
     def piece(self, index: int) -> ConvexPiece:
         """Give one piece with its edges and faces.
 

@@ -17,13 +17,15 @@ from planning.visibility.factor import Factor
 from planning.visibility.frame import TargetFrame
 from planning.visibility.occluding import inflated, occluding_pieces
 from planning.visibility.perspective import Perspective
-from planning.visibility.reach import Reach
+from planning.visibility.reach import Girth, Reach
 from planning.visibility.shadows import Shadows
 
 #: How many pieces are cut before the others are looked at again, at first; then twice as many.
 _AT_ONCE: Final = 64
 #: From how many pieces on it is cheaper to ask which of them matter than to cut them all.
 _WORTH_ASKING: Final = 32
+#: Cells along each side of a window of the reach; half of them for few triangles.
+_CELLS, _FEW = 128, 500
 
 
 def direct_factors(
@@ -94,19 +96,23 @@ def _factor(
         worst, repairs = max(worst, imbalance), repairs + repeated
         remaining, count = remaining[count:], 2 * count
         if len(remaining) > _WORTH_ASKING:
-            reach = Reach.of(perspective.triangles(solid) - middle)
-            remaining = _sticking_in(reach, pieces, remaining, middle)
+            surface = perspective.triangles(solid) - middle
+            remaining = _sticking_in(surface, pieces, remaining, middle)
         if progress is not None:
             progress(len(pieces) - len(remaining), len(pieces), "")
     return Factor(corners, perspective.original(solid), worst / extent.volume(), repairs)
 
 
 def _sticking_in(
-    reach: Reach, pieces: ConvexPieces, among: IntArray, middle: FloatArray
+    surface: FloatArray, pieces: ConvexPieces, among: IntArray, middle: FloatArray
 ) -> IntArray:
     """Keep the pieces that may reach into a solid that is star-shaped about a point."""
+    low, high = pieces.boxes_of(among)
+    among = among[~Girth.of(surface).misses(low - middle, high - middle)]
     chosen = np.zeros(len(pieces), dtype=bool)
     chosen[among] = True
     which = np.flatnonzero(chosen[pieces.owners])
-    entered = reach.entered_by(pieces.triangles[which] - middle)
+    # Cells cost as much as hundreds of triangles.
+    cells = _CELLS if len(which) > _FEW else _CELLS // 2
+    entered = Reach.of(surface, cells).entered_by(pieces.triangles[which] - middle)
     return np.unique(pieces.owners[which[entered]])

@@ -10,15 +10,15 @@ from manifold3d import Manifold
 
 from lenscal.arrays import BoolArray, FloatArray, IntArray
 from planning.boolean import from_manifold
-from planning.polygons import area_vectors, clip_polygons
+from planning.polygons import area_vectors, clip_polygons, is_thin
 from planning.scene import Scene
-from planning.surface_parts import SurfacePart
+from planning.surface_parts import FlatFaces
 from planning.target import Target
 from planning.visibility.convex import ConvexPieces
 from planning.visibility.frame import TargetFrame
 
-#: Of polygons thinner than this share of their length the side they turn to the target is unsure.
-_THIN: Final = 1e-6
+#: By how much, in units of the frame, a face must turn away from a target to be left out at once.
+_CLEARLY: Final = 1e-6
 
 
 def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> ConvexPieces:
@@ -55,7 +55,10 @@ def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> Convex
             if part.is_convex:
                 solids += _solid_piece(vertices, part.faces, target.is_segment)
                 continue
-            for batch in _polygons(vertices, part):
+            for faces in part.polygons:
+                batch = vertices[faces.corners[_may_hide(faces, vertices, target, closed, frame)]]
+                # A polygon without any area hides nothing that its neighbours do not hide.
+                batch = batch[np.linalg.norm(area_vectors(batch), axis=-1) > 0]
                 if not target.is_segment:
                     batch = _in_front(batch)
                     if closed:
@@ -64,14 +67,17 @@ def occluding_pieces(scene: Scene, target: Target, frame: TargetFrame) -> Convex
     return ConvexPieces.gathered(polygons, solids)
 
 
-def _polygons(vertices: FloatArray, part: SurfacePart) -> list[FloatArray]:
-    """(N, K, 3) arrays of the convex polygons of a surface, one for each number of corners."""
-    batches = []
-    for of_size in part.polygons:
-        corners = vertices[of_size]
-        # A triangle without any area hides nothing that its neighbours do not hide.
-        batches.append(corners[np.linalg.norm(area_vectors(corners), axis=-1) > 0])
-    return batches
+def _may_hide(
+    faces: FlatFaces, vertices: FloatArray, target: Target, closed: bool, frame: TargetFrame
+) -> IntArray:
+    """Leave out at little cost polygons that lie behind a target, or are clearly not entered."""
+    if target.is_segment:
+        return np.arange(len(faces.corners))
+    in_front = (vertices[:, 2] > 0)[faces.corners].any(axis=1)
+    if closed:
+        above = (faces.normals @ target.vertices_mm.T).max(axis=1) - faces.offsets_mm
+        in_front &= above > -_CLEARLY * frame.scale_mm
+    return np.flatnonzero(in_front)
 
 
 def _in_front(polygons: FloatArray) -> FloatArray:
@@ -95,10 +101,10 @@ def _is_entered(polygons: FloatArray, target_corners: FloatArray, tolerance: flo
     area = np.linalg.norm(vectors, axis=-1)
     normals = vectors / area[:, None]
     offsets = np.einsum("ni,ni->n", normals, polygons.mean(axis=1))
-    sides = polygons - np.roll(polygons, 1, axis=1)
-    thin = area <= _THIN * (sides**2).sum(axis=-1).max(axis=1)
     # Faces that are not needed do no harm: doubt counts as entered.
-    entered: BoolArray = thin | ((normals @ target_corners.T).max(axis=1) - offsets > tolerance)
+    entered: BoolArray = is_thin(polygons) | (
+        (normals @ target_corners.T).max(axis=1) - offsets > tolerance
+    )
     return entered
 
 

@@ -19,8 +19,6 @@ import numpy as np
 from lenscal.arrays import BoolArray, FloatArray, IntArray
 from planning.polygons import clip_polygons
 
-#: Cells along each side of a window.
-_CELLS: Final = 128
 #: Pairs of triangle and cell that are worked on at once.
 _PAIRS_AT_ONCE: Final = 1_000_000
 #: What rounding may do to positions in a window and, as a share, to depths.
@@ -53,7 +51,7 @@ class Reach:
     nearest: FloatArray
 
     @classmethod
-    def of(cls, triangles: FloatArray, cells: int = _CELLS) -> Reach:
+    def of(cls, triangles: FloatArray, cells: int) -> Reach:
         """Measure a solid that is star-shaped about the origin.
 
         Parameters
@@ -100,6 +98,71 @@ class Reach:
                 sticks = upper * (1 + _DEPTH_SLACK) > nearest[seen.cell]
                 enters[open_[seen.triangle[sticks]]] = True
         return enters
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Girth:
+    """How far a solid goes at most from the axis z, up to several heights.
+
+    Parameters
+    ----------
+    heights
+        (L,) rising; the last one is that of the solid.
+    radii
+        (L,) greatest distance from the axis of what is not higher.
+    """
+
+    heights: FloatArray
+    radii: FloatArray
+
+    @classmethod
+    def of(cls, triangles: FloatArray, levels: int = 33) -> Girth:
+        """Measure a solid.
+
+        Parameters
+        ----------
+        triangles
+            (F, 3, 3) its surface.
+        levels
+            At how many heights.
+
+        Returns
+        -------
+        Girth
+            The radii.
+        """
+        highest = max(float(triangles[..., 2].max()), float(np.finfo(np.float64).tiny))
+        heights = highest * np.append(np.geomspace(1e-4, 1.0, levels)[:-1], 1.0)
+        ends = np.stack([triangles, np.roll(triangles, -1, axis=1)]).reshape(2, -1, 3)
+        lower, upper = np.where(ends[0, :, 2:] <= ends[1, :, 2:], ends, ends[::-1])
+        # The farthest of what is not higher than a level lies on an edge, at its lower end or where
+        # it leaves the level.
+        rise = np.maximum(upper[:, 2] - lower[:, 2], np.finfo(np.float64).tiny)
+        share = np.clip((heights[:, None] - lower[:, 2]) / rise, 0.0, 1.0)
+        leaves = lower[:, :2] + share[..., None] * (upper - lower)[:, :2]
+        away = np.maximum(np.linalg.norm(leaves, axis=-1), np.linalg.norm(lower[:, :2], axis=-1))
+        counts = lower[:, 2] <= heights[:, None]
+        return cls(heights, np.where(counts, away, 0.0).max(axis=1))
+
+    def misses(self, low: FloatArray, high: FloatArray) -> BoolArray:
+        """Tell which boxes lie beside the solid.
+
+        Parameters
+        ----------
+        low, high
+            (N, 3) corners of boxes along the axes.
+
+        Returns
+        -------
+        BoolArray
+            (N,) True is certain.
+        """
+        aside = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)[:, :2], axis=-1)
+        level = np.searchsorted(self.heights, high[:, 2])
+        beside: BoolArray = (
+            aside * (1 - _POSITION_SLACK) > self.radii[np.minimum(level, len(self.radii) - 1)]
+        )
+        return beside
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -98,6 +98,17 @@ def test_weights_change_what_is_smallest() -> None:
     np.testing.assert_allclose(end.moves[:, 0], [0.5, 0.75], atol=1e-6)
 
 
+def test_each_point_raises_what_it_is_told_to() -> None:
+    """On one line, with x and 1 − x: the first raises one, the second the other, the third both."""
+
+    def margins(which, moves):
+        return np.concatenate([moves, 1.0 - moves], axis=-1)
+
+    raised = np.array([[True, False], [False, True], [True, True]])
+    end = raise_smallest(margins, (3, 1), raised=raised)
+    np.testing.assert_allclose(end.moves[:, 0], [1.0, 0.0, 0.5], atol=1e-4)
+
+
 def test_views_that_cannot_be_had_are_left_alone() -> None:
     """Where a margin is −inf or NaN nothing is learned, and nobody goes there."""
 

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from planning.scene import Scene
 from planning.solid import box_workspace
 from planning.target import Target
-from planning.visibility import direct, shadows
+from planning.visibility import direct, occluding, shadows
 from planning.visibility.convex import ConvexPiece, ConvexPieces
 from planning.visibility.frame import TargetFrame
 from planning.visibility.methods import visibility_region
 from planning.visibility.occluding import occluding_pieces
 from planning.visibility.perspective import Perspective
-from planning.visibility.reach import Reach
+from planning.visibility.reach import Girth, Reach
 
 SQUARE = np.array([[-0.05, -0.05, 0], [0.05, -0.05, 0], [0.05, 0.05, 0], [-0.05, 0.05, 0]])
 SEGMENT = np.array([[-0.05, 0, 0], [0.05, 0, 0]])
@@ -83,8 +83,8 @@ def test_hull_that_leaves_out_a_corner_is_noticed() -> None:
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.integers(0, 10**6), st.booleans())
-def test_triangles_said_to_be_outside_are(seed: int, half: bool) -> None:
+@given(st.integers(0, 10**6), st.booleans(), st.sampled_from([64, 128]))
+def test_triangles_said_to_be_outside_are(seed: int, half: bool, cells: int) -> None:
     """Points all over each of them are outside of a solid that is star-shaped about the origin."""
     generator = np.random.default_rng(seed)
     solid = manifold3d.Manifold.cube([2, 2, 2], center=True)
@@ -99,22 +99,35 @@ def test_triangles_said_to_be_outside_are(seed: int, half: bool) -> None:
     triangles = generator.uniform(-1, 1, (400, 1, 3)) + generator.choice(
         [0.02, 0.3]
     ) * generator.normal(size=(400, 3, 3))
-    entered = Reach.of(Perspective(None).triangles(solid)).entered_by(triangles)
+    surface = Perspective(None).triangles(solid)
+    entered = Reach.of(surface, cells).entered_by(triangles)
+    missed = Girth.of(surface).misses(triangles.min(axis=1), triangles.max(axis=1))
     share = generator.dirichlet(np.ones(3), (400, 50))
     points = np.einsum("nsk,nki->nsi", share, triangles)
     inside = (np.abs(points) < 1).all(axis=-1) & ((points[..., 2] > 0) | (not half))
     for normal, offset in planes:
         inside &= points @ normal < offset
-    assert not (inside.any(axis=1) & ~entered).any()
+    assert not (inside.any(axis=1) & (missed | ~entered)).any()
     # The bounds are of use: most of what is outside is told to be.
     assert (entered & ~inside.any(axis=1)).mean() < 0.25
+
+
+def test_what_lies_beside_the_lower_part_of_a_solid_misses_it() -> None:
+    """A cone that opens upwards: boxes at the same distance from its axis, at several heights."""
+    cone = manifold3d.Manifold.cylinder(1.0, 0.01, 0.51, circular_segments=64)
+    girth = Girth.of(Perspective(None).triangles(cone))
+    low = np.array([[0.3, -0.05, 0.1], [0.3, -0.05, 0.5], [0.3, -0.05, 0.9], [-0.1, -0.1, -0.2]])
+    high = low + np.array([0.1, 0.1, 0.1])
+    np.testing.assert_array_equal(girth.misses(low, high), [True, False, False, False])
+    farther = np.array([0.3, 0, 0])
+    assert girth.misses(low + farther, high + farther)[:3].all()
 
 
 def test_triangle_through_the_origin_sticks_in() -> None:
     solid = manifold3d.Manifold.cube([2, 2, 2], center=True)
     around = np.array([[[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]], [[3, 0, 0], [3, 1, 0], [3, 0, 1]]])
     np.testing.assert_array_equal(
-        Reach.of(Perspective(None).triangles(solid)).entered_by(around), [True, False]
+        Reach.of(Perspective(None).triangles(solid), 128).entered_by(around), [True, False]
     )
 
 
@@ -162,6 +175,24 @@ def test_leaving_pieces_out_changes_nothing(bench, monkeypatch, seed: int) -> No
     whole = visibility_region(scene, bench.target, bench.workspace, audit_points=0)
     assert len(asked) == 400
     assert whole.volume_mm3 == pytest.approx(culled.volume_mm3, abs=1e-9 * bench.volume)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_faces_dropped_at_once_are_those_that_would_be_dropped_anyway(
+    bench, monkeypatch, closed: bool
+) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=20.0)
+    dented = trimesh.boolean.difference([ball, bench.box((5, 5, 5), (30, 30, 30))])
+    dented.apply_translation([3.0, 2.0, 15.0])
+    corners = [[0, 0, 40], [9, 1, 40], [9.0, 1 + 1e-5, 40]]
+    sliver = trimesh.Trimesh(corners, [[0, 1, 2]], process=False)
+    scene = Scene([dented]) if closed else Scene([dented, sliver], as_faces=True)
+    frame = TargetFrame.around(bench.target, bench.workspace)
+    kept = occluding_pieces(scene, bench.target, frame)
+    monkeypatch.setattr(occluding, "_may_hide", lambda faces, *_: np.arange(len(faces.corners)))
+    every = occluding_pieces(scene, bench.target, frame)
+    for name in ("corners", "starts", "flat", "triangles", "owners"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(every, name))
 
 
 def test_open_faces_hide_from_both_sides(bench) -> None:
