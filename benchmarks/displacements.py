@@ -24,7 +24,7 @@ from lenscal.target import Chessboard
 SENSOR = Sensor(2448, 2048, 0.00345, 0.00345)
 OBJECT_DISTANCE_MM = 600.0
 NOISE_PX = 0.05
-ROBOT = Repeatability(1e-4, 0.02)
+ROBOT = Repeatability(rotation_rad=1e-4, translation_mm=0.02)
 #: Image distance of a wide, a normal and a long lens: 56°, 16° and 3.2° across.
 LENSES_MM = {"56°": 8.0, "16°": 30.0, "3.2°": 150.0}
 COLUMNS, ROWS = 14, 10

@@ -175,7 +175,9 @@ def robot_cell(rig: SimulatedRig, recording: Recording) -> RobotCell:
         mount_of_session(recording),
         rig.base_from_target @ _PART_FROM_TARGET.inverse(),
         np.diag(part_sigma**2),
-        Repeatability(REPEATABILITY.rotation_rad, REPEATABILITY.translation_mm),
+        Repeatability(
+            rotation_rad=REPEATABILITY.rotation_rad, translation_mm=REPEATABILITY.translation_mm
+        ),
         iris=SESSION["views"]["iris"],
     )
 

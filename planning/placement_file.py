@@ -125,7 +125,9 @@ class PlacementSpec(Handwritten):
             None if part is None else _covariance(part),
             None
             if robot is None
-            else Repeatability(np.radians(robot.rotation_deg), robot.translation),
+            else Repeatability(
+                rotation_rad=np.radians(robot.rotation_deg), translation_mm=robot.translation
+            ),
             None
             if reach is None
             else Reach(np.array(reach.low), np.array(reach.high), reach.tilt_deg),

@@ -16,9 +16,9 @@ from lenscal.optics import focal_length_mm
 from lenscal.pose import Pose
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Repeatability:
-    """How far a robot stands from where it says.
+    """How far a robot stands from where it says; by name only, so that nothing is swapped.
 
     Parameters
     ----------

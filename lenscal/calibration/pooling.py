@@ -57,7 +57,7 @@ def pool_repeatability(evidence: Sequence[RobotEvidence]) -> Repeatability:
     slips = np.concatenate([e.slips[e.believed] for e in evidence]).reshape(-1, 2, 3)
     redundancy = sum(e.redundancy for e in evidence)
     rotation, translation = np.sqrt((slips**2).sum(axis=(0, 2)) / redundancy)
-    return Repeatability(float(rotation), float(translation))
+    return Repeatability(rotation_rad=float(rotation), translation_mm=float(translation))
 
 
 def pool_settings(evidence: Sequence[RobotEvidence]) -> Pool:

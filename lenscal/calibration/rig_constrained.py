@@ -256,7 +256,7 @@ def _typical(slips: FloatArray) -> Repeatability:
     """Judge the robot by its middling views, which one wild pose does not move."""
     lengths = np.linalg.norm(slips.reshape(-1, 2, 3), axis=2)
     rotation, translation = np.maximum(np.median(lengths, axis=0) / _MEDIAN_LENGTH, _TYPICAL)
-    return Repeatability(float(rotation), float(translation))
+    return Repeatability(rotation_rad=float(rotation), translation_mm=float(translation))
 
 
 def _pair(sigma: Repeatability) -> tuple[float, float]:
@@ -294,7 +294,7 @@ def _components(measured: FloatArray, believed: BoolArray, redundancy: FloatArra
     squares = (measured[believed].reshape(-1, 2, 3) ** 2).sum(axis=(0, 2))
     squares, count = squares + _TYPICAL_COUNT * _TYPICAL**2, redundancy + _TYPICAL_COUNT
     rotation, translation = np.sqrt(squares / count)
-    return Repeatability(float(rotation), float(translation))
+    return Repeatability(rotation_rad=float(rotation), translation_mm=float(translation))
 
 
 def _plausible(

@@ -308,7 +308,9 @@ def _robot_of(table: CalibrationTable) -> Repeatability | None:
 
     for entry in table.evidence:
         if (robot := entry["robot"]) is not None:
-            return Repeatability(robot["repeatability_rad"], robot["repeatability_mm"])
+            return Repeatability(
+                rotation_rad=robot["repeatability_rad"], translation_mm=robot["repeatability_mm"]
+            )
     return None
 
 

@@ -13,6 +13,7 @@ from lenscal.document import read_document
 from lenscal.errors import PlanningError
 from lenscal.maps.lens_map import LensMap
 from lenscal.pose import Pose
+from planning import general
 from planning.camera_body import CameraBody
 from planning.enclosure import example_part
 from planning.fixed_lens import FixedLens
@@ -205,15 +206,18 @@ def test_two_requirements_too_many(bench, lens, tmp_path) -> None:
 
 def test_confidence_is_asked_and_told(task, lens_map, part) -> None:
     mount = CameraMount(Pose.identity(), np.zeros((6, 6)), lens_map.reference_setting)
-    cell = RobotCell(mount, Pose.identity(), None, Repeatability(0.3, 1e-3))
+    cell = RobotCell(
+        mount, Pose.identity(), None, Repeatability(rotation_rad=1e-3, translation_mm=0.3)
+    )
     task = replace(task, requirements=ALL[:4], confidence=0.95)
     sure = plan(task, lens_map, part.scene, cell=cell, audit_points=0)
     table = sure.viewpoints
+    assert len(table)
     assert (table["probability"] >= 0.95).all()
     assert (np.diff(table["probability"]) <= 1e-4).all()
     assert (table["smallest_margin_sigmas"] > 1).all()
     assert {f"{r.name}_margin_sigmas" for r in ALL[:4]} <= set(table)
-    shaky = replace(cell, repeatability=Repeatability(30.0, 0.1))
+    shaky = replace(cell, repeatability=Repeatability(rotation_rad=0.1, translation_mm=30.0))
     none = plan(task, lens_map, part.scene, cell=shaky, audit_points=0)
     assert none.why_empty.startswith("confidence: 0.95 is asked, but the surest of")
     assert "the weakest there, at" in none.why_empty
@@ -222,6 +226,24 @@ def test_confidence_is_asked_and_told(task, lens_map, part) -> None:
         replace(task, confidence=95.0)
     with pytest.raises(PlanningError, match="views must be 'orthogonal' or 'general', but is 'x'"):
         replace(task, views="x")
+
+
+def test_the_search_goes_on_while_no_view_is_sure_enough(task, lens_map, part, monkeypatch) -> None:
+    mount = CameraMount(Pose.identity(), np.zeros((6, 6)), lens_map.reference_setting)
+    cell = RobotCell(
+        mount, Pose.identity(), None, Repeatability(rotation_rad=4e-3, translation_mm=1.0)
+    )
+    task = replace(task, requirements=ALL[:4])
+    monkeypatch.setattr(general, "_FIRST_STEPS", 1)
+    monkeypatch.setattr(general, "_STEPS", 1)
+    short = plan(task, lens_map, part.scene, cell=cell, audit_points=0).viewpoints["probability"]
+    asked = 0.97
+    assert short.max() < 0.95
+    longer = plan(
+        replace(task, confidence=asked), lens_map, part.scene, cell=cell, audit_points=0
+    ).viewpoints["probability"]
+    assert len(longer)
+    assert (longer >= asked).all()
 
 
 def test_positions_for_a_direction_are_exact(lens_map, part, region) -> None:

@@ -137,7 +137,12 @@ def test_covariances_are_those_of_the_drawn_chain(anchored: bool) -> None:
     mount = CameraMount(hand_from_camera, square @ square.T, LensSetting(1, 1), {}, anchored)
     part_covariance = np.diag([1e-8, 4e-8, 9e-8, 0.01, 0.0025, 0.0004])
     base_from_part = Pose.from_rotation_vector([0.1, 0.2, 0.3], [600, 100, 200])
-    cell = RobotCell(mount, base_from_part, part_covariance, Repeatability(1e-4, 0.02))
+    cell = RobotCell(
+        mount,
+        base_from_part,
+        part_covariance,
+        Repeatability(rotation_rad=1e-4, translation_mm=0.02),
+    )
     wanted = Pose.from_rotation_vector([2.6, 0.4, 0.1], [5, -300, 500])
     lens = WanderingLens()
     p = place(lens, LensSetting(1, 1), wanted, cell, ApproachSide.FROM_BELOW)

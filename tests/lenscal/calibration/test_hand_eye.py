@@ -24,7 +24,7 @@ def _error(result, world):
 
 def test_exact_data_give_the_exact_answer(ride):
     world = ride(np.random.default_rng(0), noise_px=0.0, slip_mm=0.0, slip_rad=0.0, **REFERENCE)
-    result = _solve(world, repeatability=Repeatability(1e-4, 0.02))
+    result = _solve(world, repeatability=Repeatability(rotation_rad=1e-4, translation_mm=0.02))
     np.testing.assert_allclose(_error(result, world), 0.0, atol=1e-5)
     np.testing.assert_allclose(
         result.base_from_target.matrix, world.base_from_target.matrix, atol=1e-4
@@ -49,7 +49,7 @@ def test_errors_are_as_large_as_stated(ride):
     squared = []
     for _ in range(40):
         world = ride(rng, **REFERENCE)
-        result = _solve(world, repeatability=Repeatability(1e-4, 0.02))
+        result = _solve(world, repeatability=Repeatability(rotation_rad=1e-4, translation_mm=0.02))
         error = _error(result, world)
         squared.append(error @ np.linalg.solve(result.covariance, error))
     assert np.mean(squared) == pytest.approx(6.0, rel=0.3)

@@ -7,7 +7,7 @@ from lenscal.calibration.refine import calibrate_views
 from lenscal.calibration.slips import SHARED_BY_SETTINGS
 from lenscal.calibration.summary import RobotWord, summarise_views
 
-ROBOT = Repeatability(1e-4, 0.02)
+ROBOT = Repeatability(rotation_rad=1e-4, translation_mm=0.02)
 #: Image distance and how far the projection centre has travelled, of six settings.
 SETTINGS = ((100.0, 0.0), (110.0, -60.0), (120.0, -130.0), (130.0, -250.0), (90.0, 30.0), (95, 10))
 

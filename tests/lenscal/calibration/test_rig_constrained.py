@@ -8,7 +8,7 @@ from lenscal.calibration.refine import calibrate_views
 from lenscal.errors import DegenerateGeometryError, InputError
 from lenscal.pose import Pose
 
-ROBOT = Repeatability(1e-4, 0.02)
+ROBOT = Repeatability(rotation_rad=1e-4, translation_mm=0.02)
 NAMES = (
     "object_distance_mm",
     "image_distance_mm",

@@ -8,7 +8,7 @@ from lenscal.calibration.refine import calibrate_views
 from lenscal.calibration.summary import RobotWord, summarise_views
 from lenscal.errors import DegenerateGeometryError
 
-ROBOT = Repeatability(1e-4, 0.02)
+ROBOT = Repeatability(rotation_rad=1e-4, translation_mm=0.02)
 NAMES = ("image_distance_mm", "object_distance_mm", "magnification", "k1_per_mm2")
 
 

@@ -59,7 +59,9 @@ def test_stated_intervals_hold_over_a_regular_grid(study):
     table = calibrate_recording(study.record(plan.settings, rng))
     # The robot is the same in all of them: how well it repeats is estimated from the first.
     robot = table.evidence[0]["robot"]
-    known = Repeatability(robot["repeatability_rad"], robot["repeatability_mm"])
+    known = Repeatability(
+        rotation_rad=robot["repeatability_rad"], translation_mm=robot["repeatability_mm"]
+    )
     sessions = [fit_lens_map(table), *(study.fit_session(plan, rng, known) for _ in range(2))]
     for name in study.QUANTITIES:
         inside = np.array([study.held(plan, lens_map)[name] for lens_map in sessions])
