@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -51,6 +52,12 @@ def choose_settings(settings: AdmissibleSettings, count: int) -> pd.DataFrame:
         One row per setting. Zoom and focus of a fixed lens are NaN; so are offset and standoff
         where they are not known.
     """
+    return _chosen(settings, count).copy()
+
+
+@lru_cache(maxsize=8)
+def _chosen(settings: AdmissibleSettings, count: int) -> pd.DataFrame:
+    """Many targets ask for the same: settings are told apart by identity."""
     if isinstance(settings.lens, FixedLens):
         return _of_fixed_lens(settings, settings.lens, count)
     lens = settings.lens

@@ -14,22 +14,21 @@ import pandas as pd
 
 from lenscal.arrays import FloatArray
 from lenscal.sensor import Sensor
-from planning.choices import COLUMNS, choose_settings
+from planning.choices import choose_settings
 from planning.fixed_lens import FixedLens
 from planning.judgement import judge
-from planning.lens_states import LensStates
 from planning.preconditions import asking_of_pupil
-from planning.requirements.magnification import bounding, image_axis
+from planning.requirements.magnification import image_axis
 from planning.requirements.margin import BoundsMagnification, Margin, Requirement
 from planning.requirements.visibility import Visibility
 from planning.setting_space import SettingSpace, lattice
 from planning.settings import AdmissibleSettings
-from planning.stated_views import pose_columns
+from planning.stated_views import states_of
 from planning.task import Task
 from planning.view_search import FoundViews
 from planning.view_space import OrthogonalStarts
-from planning.viewpoint_rows import as_table, margin_names
-from planning.viewpoints import Arc, Ring, visible_arcs
+from planning.viewpoint_rows import as_table, rows_of
+from planning.viewpoints import Ring, visible_arcs
 from planning.views import Subject, Views
 from planning.visibility.region import Region
 
@@ -71,67 +70,50 @@ def orthogonal_viewpoints(
     pandas.DataFrame
         One row for each arc at each setting, as in a plan, also where a margin is negative.
     """
-    lens = settings.lens
     choices = choose_settings(settings, settings_tried)
-    rows = [
-        _viewpoint(task, lens, ring, choice, arc, subject)
-        for _, choice in choices.iterrows()
-        for arc in visible_arcs(region, ring, float(choice["object_distance_mm"]))
+    found = [
+        (setting, arc.deepest)
+        for setting, distance_mm in enumerate(choices["object_distance_mm"])
+        for arc in visible_arcs(region, ring, float(distance_mm))
     ]
-    return as_table(task, rows)
+    if not found:
+        return as_table(task, [])
+    which, angles = np.array([k for k, _ in found]), np.array([angle for _, angle in found])
+    chosen = choices.iloc[which].reset_index(drop=True)
+    places = ring.positions(chosen["object_distance_mm"].to_numpy(), angles)
+    turned = ring.rotations(places, image_axis(task.requirements))
+    chosen["iris"] = _best_iris(task, settings.lens, chosen, places, turned, subject)
+    views = Views(places[None], turned[None], states_of(settings.lens, chosen), subject)
+    judged = orthogonal_requirements(task.requirements)
+    shares = np.stack([margin.share[0] for margin in judge(judged, views).margins], axis=-1)
+    return rows_of(task, views, judged, shares, angles)
 
 
-def _viewpoint(
+def _best_iris(
     task: Task,
     lens: LensMap | FixedLens,
-    ring: Ring,
-    choice: pd.Series[float],
-    arc: Arc,
+    chosen: pd.DataFrame,
+    places: FloatArray,
+    turned: FloatArray,
     subject: Subject,
-) -> dict[str, float]:
-    distance = float(choice["object_distance_mm"])
-    position = ring.positions(distance, np.array(arc.deepest))
-    pose = ring.pose(position, image_axis(task.requirements))
-    row = {name: float(choice[name]) for name in COLUMNS}
-    row |= pose_columns(pose)
-    row["angle"] = arc.deepest
-    row |= _margins(task, Views.of(pose, _states(lens, choice), subject), row["magnification"])
-    row["visibility_margin_mm"] = arc.depth_mm
-    shares = [row[name] for name in margin_names(task)] + [arc.depth_mm / distance]
-    row["smallest_margin"] = float(np.min(shares))
-    return row
-
-
-def _states(lens: LensMap | FixedLens, choice: pd.Series[float]) -> LensStates:
-    """The setting at every iris whose entrance pupil is on record."""
-    if isinstance(lens, FixedLens):
-        return LensStates.of_fixed(lens, choice["object_distance_mm"])
-    irises = None if lens.pupil is None or len(lens.pupil.irises) == 1 else lens.pupil.irises
-    count = 1 if irises is None else len(irises)
-    zoom, focus = np.full(count, choice["zoom"]), np.full(count, choice["focus"])
-    return LensStates.of_map(lens, zoom, focus, irises)
-
-
-def _margins(task: Task, views: Views, magnification: float) -> dict[str, float]:
-    """The smallest share of each kind of requirement, at the iris that is best for all of them.
-
-    By d/D as in the paper, and in the view as it is.
-    """
-    judgement = judge(task.requirements, views)
-    best = int(np.argmax(judgement.smallest_share[0]))
-    # Where nothing that is asked depends on the pupil, the iris is left to who takes the pictures.
-    iris = views.states.iris if asking_of_pupil(task.requirements) else None
-    margins: dict[str, float] = {"iris": np.nan if iris is None else float(iris[best])}
-    in_view = [float(margin.share[0, best]) for margin in judgement.margins]
-    by_ratio = [
-        (r.name, float(r.orthogonal_margin(magnification, views.states.sensor).share))
-        for r in bounding(task.requirements)
-    ]
-    named = [*zip((r.name for r in task.requirements), in_view, strict=True), *by_ratio]
-    for name, share in named:
-        column = f"{name}_margin"
-        margins[column] = min(margins.get(column, np.inf), share)
-    return margins
+) -> FloatArray:
+    """(K,) the iris on record that is best for everything in each view; NaN where it is left."""
+    count = len(chosen)
+    if isinstance(lens, FixedLens) or lens.pupil is None or not asking_of_pupil(task.requirements):
+        return np.full(count, np.nan)
+    irises = lens.pupil.irises
+    if len(irises) == 1:
+        return np.full(count, irises[0])
+    each = chosen.loc[chosen.index.repeat(len(irises))].assign(iris=np.tile(irises, count))
+    views = Views(
+        np.repeat(places, len(irises), axis=0)[None],
+        np.repeat(turned, len(irises), axis=0)[None],
+        states_of(lens, each),
+        subject,
+    )
+    smallest = judge(task.requirements, views).smallest_share[0].reshape(count, len(irises))
+    best: FloatArray = irises[smallest.argmax(axis=1)]
+    return best
 
 
 @runtime_checkable
