@@ -17,7 +17,8 @@ from scipy.spatial import ConvexHull
 
 from lenscal.arrays import BoolArray, FloatArray
 from lenscal.pose import Pose
-from planning.camera_body import CameraBody, Cylinder
+from planning.camera_body import CameraBody
+from planning.cylinder import Cylinder
 from planning.scene import Scene
 
 #: Patches smaller than this are not cut any more: what they leave open counts as clear.

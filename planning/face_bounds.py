@@ -15,7 +15,8 @@ from functools import reduce
 import numpy as np
 
 from lenscal.arrays import FloatArray, IntArray
-from planning.camera_body import Cylinder, Piece
+from planning.camera_body import Piece
+from planning.cylinder import Cylinder
 from planning.face_groups import FaceGroup
 from planning.separation import directions_apart
 from planning.vectors import along

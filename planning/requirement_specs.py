@@ -13,7 +13,8 @@ from pydantic import BeforeValidator, Field
 from lenscal.arrays import FloatArray
 from lenscal.handwritten import Handwritten, LengthMm, PositiveLengthMm
 from lenscal.sensor import Axis
-from planning.camera_body import CameraBody, Cylinder
+from planning.camera_body import CameraBody
+from planning.cylinder import Cylinder
 from planning.requirements.clearance import Clearance
 from planning.requirements.depth_of_field import DepthOfField
 from planning.requirements.field_of_view import FieldOfView

@@ -12,7 +12,9 @@ from lenscal.camera import Camera
 from lenscal.errors import InputError, PlanningError
 from lenscal.pose import Pose
 from lenscal.sensor import Sensor
-from planning.camera_body import CameraBody, Cylinder, Hull
+from planning.camera_body import CameraBody
+from planning.cylinder import Cylinder
+from planning.hull import Hull
 from planning.lens_states import LensStates
 from planning.polygons import area_vectors, convex_quadrilaterals
 from planning.requirements.clearance import Clearance

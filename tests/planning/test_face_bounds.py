@@ -8,9 +8,11 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from planning.body_distances import distances_mm
-from planning.camera_body import Cylinder, Hull, Piece
+from planning.camera_body import Piece
+from planning.cylinder import Cylinder
 from planning.face_bounds import FaceBounds, Places
 from planning.face_groups import face_groups
+from planning.hull import Hull
 from planning.separation import directions_apart, separation_mm
 from planning.solid import Solid
 

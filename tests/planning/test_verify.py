@@ -12,8 +12,9 @@ from lenscal.camera import Camera
 from lenscal.errors import InputError
 from lenscal.maps.lens_map import LensMap
 from lenscal.pose import Pose
-from planning.camera_body import CameraBody, Cylinder
+from planning.camera_body import CameraBody
 from planning.clearance_check import TOLERANCE_MM, distance_as_far_as
+from planning.cylinder import Cylinder
 from planning.enclosure import example_part
 from planning.lens_states import LensStates
 from planning.planner import plan
