@@ -65,9 +65,15 @@ def percent(value: Any) -> float:
     Raises
     ------
     ValueError
-        When it is written otherwise.
+        When it is written otherwise, or is none between 0 and 100 %.
     """
-    return _percent(value) / 100.0
+    share = _percent(value) / 100.0
+    if not 0.0 < share < 1.0:
+        raise ValueError(
+            f"{value!r} is no probability that can be asked for: it must be more than 0 % and less "
+            "than 100 %, such as '99 %'"
+        )
+    return share
 
 
 class ResolutionSpec(Handwritten):

@@ -217,7 +217,7 @@ class TaskFile(Handwritten):
     requirements: list[RequirementSpec] | None = Field(default=None, min_length=1)
     placement: PlacementSpec | None = None
     views: Literal["orthogonal", "general"] = "orthogonal"
-    confidence: Annotated[float, BeforeValidator(percent)] | None = Field(default=None, gt=0, lt=1)
+    confidence: Annotated[float, BeforeValidator(percent)] | None = None
 
     @model_validator(mode="after")
     def _one_or_several(self) -> TaskFile:

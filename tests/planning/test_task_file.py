@@ -179,7 +179,10 @@ def test_views_and_confidence(tmp_path) -> None:
     assert {(t.views, t.confidence) for t in tasks} == {("general", 0.9)}
     for wrong, message in (
         ("confidence = 0.99", "confidence: 0.99 needs its unit, %, such as '1.5 %'"),
-        ('confidence = "100 %"', "confidence: Input should be less than 1"),
+        (
+            'confidence = "120 %"',
+            "confidence: '120 %' is no probability that can be asked",
+        ),
         ('views = "oblique"', "views: Input should be 'orthogonal' or 'general'"),
     ):
         with pytest.raises(InputError, match=message):
