@@ -12,6 +12,7 @@ within 10 %.
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import time
 from collections import Counter
@@ -31,6 +32,7 @@ from planning.planner import plan
 from planning.requirements.clearance import Clearance
 from planning.requirements.field_of_view import FieldOfView
 from planning.requirements.margin import Requirement
+from planning.requirements.resolution import Resolution
 from planning.requirements.unvignetted import Unvignetted
 from planning.verify import verify_viewpoint
 
@@ -146,7 +148,9 @@ def blame_infeasible(lens: Lens, seed: int, tally: Tally) -> None:
         tally.bad_seeds.append(f"{lens.name} {seed}: {requirement.name}; {found.why_empty}")
     else:
         tally.good += 1
-        tally.failed["another is named first"] += int(found.relaxations[0].index != index)
+        first = found.relaxations[0].index if found.relaxations else index
+        tally.failed["another is named first"] += int(first != index)
+        tally.failed["refused before any search"] += int(not found.relaxations)
 
 
 def plan_with(world: World, index: int, asked: Requirement) -> Plan:
@@ -164,15 +168,27 @@ def wanted(asked: Requirement, best: float) -> float:
 
 def amount_wrong(found: Plan, index: int, amount: float) -> str:
     """What is wrong with what a plan blames; nothing where it is right."""
-    named = {r.index: r for r in found.relaxations}
     if len(found.viewpoints):
         return "solved after all"
+    at_least = refused_by(found, index)
+    if at_least is not None:
+        return "" if at_least <= amount * (1 + WITHIN) else "amount too large"
+    named = {r.index: r.lacking for r in found.relaxations}
     if index not in named:
         return "not named"
-    ratio = named[index].lacking / amount
+    ratio = named[index] / amount
     if ratio < 1 - WITHIN:
         return TOO_SMALL
     return "" if ratio <= 1 + WITHIN else "amount too large"
+
+
+def refused_by(found: Plan, index: int) -> float | None:
+    """By how much resolution has to give at least, where it is refused before any search."""
+    asked = found.task.requirements[index]
+    said = re.search(r"contradict .* at least ([\d.]+)% less resolution", found.why_empty)
+    if said is None or not isinstance(asked, Resolution):
+        return None
+    return float(said[1]) / 100 * asked.pixels
 
 
 def better_than_reference(

@@ -25,6 +25,8 @@ FindStarts = Callable[[FloatArray], Starts]
 
 #: Views from which each requirement is raised.
 _STARTS: Final = 5
+#: How many steps.
+_ROUNDS: Final = 40
 #: By how little a requirement that is held may miss, as a share.
 _SLACK: Final = 1e-9
 
@@ -235,7 +237,9 @@ def _raised(
     whose = np.repeat(np.arange(len(requirements)), [len(views) for views in starts])
     raised = whose[:, None] == np.arange(len(requirements))
     together = starts[0].joined(starts[1:])
-    found = improved(requirements, together, kept=kept, raised=raised, by_value=True)
+    found = improved(
+        requirements, together, kept=kept, raised=raised, by_value=True, rounds=_ROUNDS
+    )
     others = np.where(raised, np.inf, found.shares - kept).min(axis=1)
     value = found.values[np.arange(len(found)), whose]
     possible = (others >= -_SLACK) & np.isfinite(value)

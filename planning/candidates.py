@@ -69,7 +69,7 @@ class Candidates:
         self._aimed = partial(_aimed, subject, region, settings, requirements, rng, is_free)
         self._pools: dict[bytes, tuple[GeneralStarts, FloatArray]] = {}
 
-    def best(self, count: int, kept: FloatArray) -> GeneralStarts:
+    def best(self, count: int, kept: FloatArray, by_direction: bool = False) -> GeneralStarts:
         """Choose views from which a search may start.
 
         Parameters
@@ -78,6 +78,8 @@ class Candidates:
             How many, at most.
         kept
             (R,) the share of each limit that is kept besides; negative for one that may be missed.
+        by_direction
+            Whether all look from different sides, not also with other settings from the same.
 
         Returns
         -------
@@ -90,7 +92,7 @@ class Candidates:
         tried, promise = tried.some(most), promise[most]
         costly = self._shares(tried, self._costly) - kept[self._costly]
         promise = np.minimum(promise, costly.min(axis=1, initial=np.inf))
-        return tried.some(_apart(tried, promise, count))
+        return tried.some(_apart(tried, promise, count, by_direction))
 
     def _pool(self, firm: BoolArray) -> tuple[GeneralStarts, FloatArray]:
         """Views at settings that may meet the firm bounds on d/D, and their cheap margins."""
@@ -208,7 +210,7 @@ def _aimed(
     )
 
 
-def _apart(starts: GeneralStarts, promise: FloatArray, count: int) -> IntArray:
+def _apart(starts: GeneralStarts, promise: FloatArray, count: int, by_direction: bool) -> IntArray:
     """Indices of good starts that are not close to each other."""
     order = np.argsort(-promise, kind="stable")
     towards, shares = starts.rotations[..., 2], starts.shares
@@ -217,6 +219,8 @@ def _apart(starts: GeneralStarts, promise: FloatArray, count: int) -> IntArray:
     while len(chosen) < min(count, len(order)):
         for k in order:
             turned = np.linalg.norm(towards[chosen] - towards[k], axis=-1)
+            if by_direction and (turned < close).any():
+                continue
             changed = np.abs(shares[chosen] - shares[k]).max(axis=-1, initial=0.0)
             rolled = np.abs(
                 np.einsum("nj,j->n", starts.rotations[chosen][..., 0], starts.rotations[k][..., 0])

@@ -141,7 +141,7 @@ def plan(
     if task.views == "general":
         rng = np.random.default_rng(seed)
         candidates = Candidates(subject, region, space, judged, rng)
-        starts = partial(candidates.best, _STARTS)
+        starts = partial(candidates.best, _STARTS, by_direction=True)
         found = general_views(candidates, kept, errors)
         table = _rows(task, found, judged, kept)
     else:

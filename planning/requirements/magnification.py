@@ -91,8 +91,8 @@ def contradiction(
     kept = f", each kept by {safety:.3g} of itself," if safety else ""
     return (
         f"the requirements contradict each other whatever the lens: {demanding.describe(sensor)} "
-        f"and {limiting.describe(sensor)}{kept} leave no d/D between them; ask for "
-        f"{1 - high / low:.1%} less resolution or see a smaller feature"
+        f"and {limiting.describe(sensor)}{kept} leave no d/D between them; ask for at "
+        f"least {1 - high / low:.1%} less resolution or see a smaller feature"
     )
 
 
