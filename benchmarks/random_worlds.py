@@ -6,7 +6,7 @@ planted view satisfies, each by three of its σ or more.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -112,7 +112,6 @@ class World:
     task: Task
     scene: Scene
     planted: GeneralStarts
-    subject: Subject = field(repr=False)
 
 
 def random_world(lens: Lens, rng: np.random.Generator) -> World:
@@ -251,7 +250,7 @@ def _with_requirements(
         views="general",
         confidence=min(CONFIDENCE, float(sure.probability[0])),
     )
-    return World(lens, task, scene, planted, planted.subject)
+    return World(lens, task, scene, planted)
 
 
 def _less(probe: Requirement, value: float, slack: float) -> Requirement | None:

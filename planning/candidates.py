@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from lenscal.arrays import BoolArray, FloatArray, IntArray
 from planning.judgement import judge
 from planning.requirements.magnification import image_axis, required_magnification
-from planning.requirements.margin import BoundsMagnification, Margin, Requirement
+from planning.requirements.margin import BoundsMagnification, Requirement
 from planning.setting_space import SettingSpace, lattice
 from planning.view_space import GeneralStarts
 from planning.viewpoints import Ring
@@ -109,9 +109,8 @@ class Candidates:
         if not which:
             return np.zeros((len(starts), 0))
         views, valid = starts.as_views()
-        margins: tuple[Margin, ...] = judge(which, views).margins
         # Of what is far from holding nothing is said apart.
-        shares = np.stack([np.maximum(margin.share[0], -10.0) for margin in margins], axis=-1)
+        shares = np.maximum(judge(which, views).shares[0], -10.0)
         return np.where(valid[:, None], shares, -np.inf)
 
 

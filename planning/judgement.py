@@ -31,6 +31,11 @@ class Judgement:
     margins: tuple[Margin, ...]
 
     @property
+    def shares(self) -> FloatArray:
+        """(V, S, R) the share of each requirement."""
+        return np.stack([margin.share for margin in self.margins], axis=-1)
+
+    @property
     def smallest_share(self) -> FloatArray:
         """(V, S) the smallest share of all requirements: how robustly a view satisfies them."""
         return np.asarray(np.minimum.reduce([margin.share for margin in self.margins]))

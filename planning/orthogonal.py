@@ -85,8 +85,7 @@ def orthogonal_viewpoints(
     chosen["iris"] = _best_iris(task, settings.lens, chosen, places, turned, subject)
     views = Views(places[None], turned[None], states_of(settings.lens, chosen), subject)
     judged = orthogonal_requirements(task.requirements)
-    shares = np.stack([margin.share[0] for margin in judge(judged, views).margins], axis=-1)
-    return rows_of(task, views, judged, shares, angles)
+    return rows_of(task, views, judged, judge(judged, views).shares[0], angles)
 
 
 def _best_iris(

@@ -220,7 +220,7 @@ def _with_probabilities(
     table = made.viewpoints.copy()
     views = made.views
     robustness = robustness_of(judged, views, errors, seed=seed)
-    shares = np.stack([m.share[0] for m in judge(judged, views).margins], axis=-1)
+    shares = judge(judged, views).shares[0]
     with np.errstate(divide="ignore", invalid="ignore"):
         in_sigma = np.where(shares == 0, 0.0, shares / robustness.sigma_share)
     names = [r.name for r in judged]

@@ -91,9 +91,8 @@ def robustness_of(
     shares = []
     for start in range(0, count, step):
         redrawn = errors.redrawn(views.some_states(slice(start, start + step)), normals)
-        margins = judge(requirements, redrawn).margins
-        table = np.stack([margin.share[0] for margin in margins], axis=-1)
-        shares.append(table.reshape(-1, draws, len(requirements)))
+        judged = judge(requirements, redrawn).shares
+        shares.append(judged.reshape(-1, draws, len(requirements)))
     drawn = np.maximum(np.concatenate(shares), _NOTHING)
     holds = drawn >= 0
     return Robustness(holds.all(axis=-1).mean(axis=1), drawn.std(axis=1), holds.mean(axis=1), draws)

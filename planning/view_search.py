@@ -65,9 +65,9 @@ class FoundViews(Generic[S]):
             With their margins.
         """
         as_views, valid = views.as_views()
-        margins = judge(requirements, as_views).margins
-        shares = np.stack([margin.share[0] for margin in margins], axis=-1)
-        values = np.stack([margin.value[0] for margin in margins], axis=-1)
+        judgement = judge(requirements, as_views)
+        shares = judgement.shares[0]
+        values = np.stack([margin.value[0] for margin in judgement.margins], axis=-1)
         return cls(
             views,
             np.where(valid[:, None], shares, -np.inf),
